@@ -1,0 +1,8 @@
+//! A learned controller for a spring leg, from the sea floor to dry land.
+//!
+//! Data flows one way, once a tick: [`wire::Sample`] → guard → gait → density
+//! estimate → velocity cascade → actor → [`wire::Command`].
+#![no_std]
+#![cfg_attr(not(feature = "host"), forbid(unsafe_code))]
+
+pub mod wire;

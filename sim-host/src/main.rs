@@ -1,0 +1,3 @@
+//! The `sim-host` command line.
+
+fn main() {}

@@ -1,0 +1,1 @@
+//! The spring-legged hopper (SLIP/USLIP) in any medium.
