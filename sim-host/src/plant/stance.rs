@@ -215,3 +215,38 @@ pub(super) fn punt(
     }
     StanceEnd::Fall
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::{flight::Swim, leg::Leg, medium::Medium, pair::Pair};
+    use super::*;
+
+    #[test]
+    fn a_mirrored_stance_is_the_same_to_the_last_bit() {
+        let leg = Leg::human();
+        let elongation = Elongation {
+            rest_length_m: 1.0,
+            max_m: 0.2,
+            start_m: 0.0,
+            rate_m_s: 1.2,
+        };
+        for medium in [Medium::AIR, Medium::WATER] {
+            let field = Field::new(&leg, &Swim::new(&leg, medium));
+            let end = |side: f64| {
+                let touchdown = State {
+                    place_m: Pair([side * 0.28, 0.96]),
+                    velocity_m_s: Pair([side * -1.9, -3.1]),
+                };
+                match punt(&field, touchdown, &elongation, 1e-10) {
+                    StanceEnd::LiftOff { t_s, state } => (t_s, state),
+                    end => panic!("{end:?}"),
+                }
+            };
+            let ((right_s, right), (left_s, left)) = (end(1.0), end(-1.0));
+            let mirror = Pair([-1.0, 1.0]);
+            assert_eq!(right_s, left_s);
+            assert_eq!(right.place_m * mirror, left.place_m);
+            assert_eq!(right.velocity_m_s * mirror, left.velocity_m_s);
+        }
+    }
+}
