@@ -37,15 +37,15 @@
 //! apex map's states within 2e-11, whatever the length of the tick
 //! (`cargo test -p sim-host --test tick -- --nocapture`).
 //!
-//! A hop takes 1.95 us at [`Tolerance::GOLDEN`] and 1.27 us at [`Tolerance::TRAINING`], as the
-//! mean over the golden cases in the best of 300 passes, on one core of a shared AMD EPYC
-//! (rustc 1.95, baseline x86-64); `cargo bench -p sim-host --bench apex_map` gives the same
-//! on a quiet machine and more on a busy one. Six tenths of that goes into the coefficients.
-//! They are limited by arithmetic, about 10,000 instructions a hop of which two thirds are
-//! loads and products in two lanes: SSE2 has neither fused products nor wider registers. The
-//! rest goes into finding the events, 0.5 us, and flight, 0.15 us. Other orders, from 12 to 20
-//! coefficients, came out within 20 %; a regularised time, `dt = l ds`, reached a fifth less
-//! far per series.
+//! A hop takes 1.95 us at [`Tolerance::GOLDEN`] and 1.27 us at [`Tolerance::TRAINING`]: the
+//! mean over the golden cases, in the best of 300 passes, on one core of a shared AMD EPYC
+//! (rustc 1.95, baseline x86-64). `cargo bench -p sim-host --bench apex_map` measures the
+//! same, but as a mean of the time that passes: with three processes to a core it showed 2.5
+//! to 5 us. Six tenths of the time go into the coefficients of the series.
+//! They are limited by arithmetic, some 10,000 instructions a hop, most of them loads, products
+//! and sums in two lanes: SSE2 has neither fused products nor wider registers. The rest goes
+//! into finding the events and into flight. Other orders, from 12 to 20 coefficients, came out
+//! within a quarter; a regularised time, `dt = l ds`, reached a fifth less far per series.
 
 mod apex;
 mod elongation;
