@@ -2,7 +2,9 @@
 //!
 //! Data flows one way, once a tick: [`wire::Sample`] → guard → gait → density
 //! estimate → velocity cascade → actor → [`wire::Command`].
-#![no_std]
+#![cfg_attr(not(feature = "host"), no_std)]
 #![cfg_attr(not(feature = "host"), forbid(unsafe_code))]
 
+#[cfg(feature = "host")]
+pub mod host;
 pub mod wire;
