@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::card::Role;
 use super::link::{Link, LinkError};
-use super::wait::wait_for;
+use super::wait::Waiter;
 use crate::wire::{Command, Sample};
 
 /// The newest message one way, and whether its sender is still there.
@@ -38,6 +38,7 @@ pub struct MemoryLink<Out: Copy, In: Copy> {
     outgoing: Arc<Shared<Out>>,
     incoming: Arc<Shared<In>>,
     peer: Role,
+    waiter: Waiter,
 }
 
 /// A leg's end and a controller's end, for two threads.
@@ -49,11 +50,13 @@ pub fn pair() -> (MemoryLink<Sample, Command>, MemoryLink<Command, Sample>) {
             outgoing: Arc::clone(&samples),
             incoming: Arc::clone(&commands),
             peer: Role::Controller,
+            waiter: Waiter::new(),
         },
         MemoryLink {
             outgoing: commands,
             incoming: samples,
             peer: Role::Leg,
+            waiter: Waiter::new(),
         },
     )
 }
@@ -77,7 +80,7 @@ impl<Out: Copy, In: Copy> Link for MemoryLink<Out, In> {
                 message => Ok(message),
             })
         };
-        wait_for(timeout, poll, || Ok(()))
+        self.waiter.wait_for(timeout, poll, || Ok(()))
     }
 }
 

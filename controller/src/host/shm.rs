@@ -28,7 +28,7 @@ use super::domain::{Domain, DomainError};
 use super::link::{Link, LinkError};
 use super::payload::Message;
 use super::stop::Stop;
-use super::wait::wait_for;
+use super::wait::Waiter;
 use crate::wire::{Command, Sample};
 
 /// Readers of each service: the peer, a recorder, a live view, and one to spare.
@@ -139,6 +139,7 @@ pub struct ShmLink<Out: Message, In: Message> {
     terms: Terms,
     peer_pid: Cell<u32>,
     stop: Stop,
+    waiter: Waiter,
 }
 
 /// The leg's end.
@@ -219,6 +220,7 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
             terms,
             peer_pid: Cell::new(0),
             stop: stop.clone(),
+            waiter: Waiter::new(),
         })
     }
 
@@ -336,19 +338,15 @@ impl<Out: Message, In: Message> Link for ShmLink<Out, In> {
     }
 
     fn receive(&mut self, timeout: Duration) -> Result<Option<In>, LinkError> {
-        wait_for(
+        self.waiter.wait_for(
             timeout,
             || self.poll(),
-            || {
+            || match self.check_peer() {
                 // What it sent last still counts, also when it is gone by now.
-                match self.check_peer() {
-                    Err(LinkError::PeerLeft { .. })
-                        if self.subscriber.has_samples() == Ok(true) =>
-                    {
-                        Ok(())
-                    }
-                    verdict => verdict,
+                Err(LinkError::PeerLeft { .. }) if self.subscriber.has_samples() == Ok(true) => {
+                    Ok(())
                 }
+                verdict => verdict,
             },
         )
     }
