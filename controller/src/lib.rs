@@ -5,4 +5,7 @@
 #![no_std]
 #![cfg_attr(not(feature = "host"), forbid(unsafe_code))]
 
+pub mod actor;
+pub mod leg;
+pub mod policy;
 pub mod wire;
