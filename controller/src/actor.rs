@@ -61,10 +61,7 @@ pub struct ObservationScaling {
 
 impl ObservationScaling {
     /// Observations as they are.
-    pub const IDENTITY: Self = Self {
-        offset: [0.0; INPUTS],
-        scale: [1.0; INPUTS],
-    };
+    pub const IDENTITY: Self = Self { offset: [0.0; INPUTS], scale: [1.0; INPUTS] };
 }
 
 /// Action = clip(offset + scale * tanh(network output), low, high), per component.
@@ -118,10 +115,7 @@ impl core::fmt::Display for ShapeError {
             Self::Inputs(n) => write!(f, "{n} inputs, the gait gives {INPUTS}"),
             Self::Outputs(n) => write!(f, "{n} outputs, the leg takes {OUTPUTS}"),
             Self::Weights { expected, found } => {
-                write!(
-                    f,
-                    "{found} weights and biases, the widths ask for {expected}"
-                )
+                write!(f, "{found} weights and biases, the widths ask for {expected}")
             }
         }
     }
@@ -138,10 +132,7 @@ pub fn packed_len(widths: &[u16]) -> Result<usize, ShapeError> {
     if layers == 0 || layers > MAX_LAYERS {
         return Err(ShapeError::Layers(layers));
     }
-    if let Some(&width) = widths
-        .iter()
-        .find(|&&w| w == 0 || usize::from(w) > MAX_WIDTH)
-    {
+    if let Some(&width) = widths.iter().find(|&&w| w == 0 || usize::from(w) > MAX_WIDTH) {
         return Err(ShapeError::Width(width));
     }
     match (widths.first(), widths.last()) {
@@ -150,9 +141,7 @@ pub fn packed_len(widths: &[u16]) -> Result<usize, ShapeError> {
         _ => {}
     }
     let pairs = widths.iter().zip(widths.iter().skip(1));
-    Ok(pairs
-        .map(|(&i, &o)| (usize::from(i) + 1) * usize::from(o))
-        .sum())
+    Ok(pairs.map(|(&i, &o)| (usize::from(i) + 1) * usize::from(o)).sum())
 }
 
 /// Feeds one layer, row-major `weights` of shape (outputs, inputs) and `bias`
@@ -162,12 +151,11 @@ pub fn packed_len(widths: &[u16]) -> Result<usize, ShapeError> {
 pub fn pack(weights: &[f32], bias: &[f32], inputs: usize, mut put: impl FnMut(f32)) {
     let rows_of_panel = weights.chunks(PANEL_ROWS * inputs.max(1));
     for (rows, biases) in rows_of_panel.zip(bias.chunks(PANEL_ROWS)) {
-        biases.iter().for_each(|&b| put(b));
+        for &b in biases {
+            put(b);
+        }
         for column in 0..inputs {
-            rows.iter()
-                .skip(column)
-                .step_by(inputs)
-                .for_each(|&w| put(w));
+            rows.iter().skip(column).step_by(inputs).for_each(|&w| put(w));
         }
     }
 }
@@ -185,17 +173,9 @@ impl<'a> Actor<'a> {
     ) -> Result<Self, ShapeError> {
         let expected = packed_len(&widths)?;
         if weights.len() != expected {
-            return Err(ShapeError::Weights {
-                expected,
-                found: weights.len(),
-            });
+            return Err(ShapeError::Weights { expected, found: weights.len() });
         }
-        Ok(Self {
-            widths,
-            observation,
-            action,
-            weights,
-        })
+        Ok(Self { widths, observation, action, weights })
     }
 
     /// Widths from the inputs to the outputs.
@@ -219,10 +199,7 @@ impl<'a> Actor<'a> {
             .component_mul(&Vector3::from(scaling.scale));
         let output = self.forward(&input);
         let [angle, speed] = [0, 1].map(|i| self.scale_output(output[i], i));
-        Action {
-            touchdown_angle_rad: angle,
-            elongation_speed_m_s: speed,
-        }
+        Action { touchdown_angle_rad: angle, elongation_speed_m_s: speed }
     }
 
     fn scale_output(&self, z: f32, i: usize) -> f32 {
@@ -230,11 +207,7 @@ impl<'a> Actor<'a> {
         let (low, high) = (a.low[i], a.high[i]);
         let x = a.offset[i] + a.scale[i] * libm::tanhf(z);
         // Written so that a NaN ends at the low bound.
-        if x >= low {
-            if x <= high { x } else { high }
-        } else {
-            low
-        }
+        if x >= low { if x <= high { x } else { high } } else { low }
     }
 
     /// The network up to its last sums, before tanh.
@@ -246,17 +219,15 @@ impl<'a> Actor<'a> {
         }
         let mut weights = self.weights;
         let last = self.widths.len().saturating_sub(2);
-        let pairs = self
-            .widths
-            .iter()
-            .zip(self.widths.iter().skip(1))
-            .enumerate();
+        let pairs = self.widths.iter().zip(self.widths.iter().skip(1)).enumerate();
         for (layer, (&inputs, &outputs)) in pairs {
             let x = front.get(..usize::from(inputs)).unwrap_or_default();
             let y = back.get_mut(..usize::from(outputs)).unwrap_or_default();
             weights = dense(weights, x, y);
             if layer < last {
-                y.iter_mut().for_each(|v| *v = relu(*v));
+                for v in y.iter_mut() {
+                    *v = relu(*v);
+                }
             }
             core::mem::swap(&mut front, &mut back);
         }
@@ -327,12 +298,8 @@ mod tests {
     use proptest::prelude::*;
     use std::vec::Vec as StdVec;
 
-    const ACTION: ActionScaling = ActionScaling {
-        scale: [1.0, 1.5],
-        offset: [1.5, 1.0],
-        low: [0.4, 0.0],
-        high: [2.6, 2.0],
-    };
+    const ACTION: ActionScaling =
+        ActionScaling { scale: [1.0, 1.5], offset: [1.5, 1.0], low: [0.4, 0.0], high: [2.6, 2.0] };
 
     /// Row by row from the row-major weights, as a textbook writes it.
     fn reference(layers: &[(StdVec<f32>, StdVec<f32>)], input: [f32; 3]) -> StdVec<f32> {
@@ -388,10 +355,7 @@ mod tests {
         let weights = [1.0_f32; 8];
         let actor = Actor::new(widths, ObservationScaling::IDENTITY, ACTION, &weights).unwrap();
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
-            let a = actor.act(Observation {
-                apex_vx_m_s: bad,
-                ..Default::default()
-            });
+            let a = actor.act(Observation { apex_vx_m_s: bad, ..Default::default() });
             assert!((0.4..=2.6).contains(&a.touchdown_angle_rad));
             assert!((0.0..=2.0).contains(&a.elongation_speed_m_s));
         }

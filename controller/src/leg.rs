@@ -103,19 +103,7 @@ mod tests {
     #[test]
     fn a_leg_without_mass_or_with_a_nan_is_not_physical() {
         assert!(LegModel::HUMAN.is_physical());
-        assert!(
-            !LegModel {
-                mass_kg: 0.0,
-                ..LegModel::HUMAN
-            }
-            .is_physical()
-        );
-        assert!(
-            !LegModel {
-                drag_x: f32::NAN,
-                ..LegModel::HUMAN
-            }
-            .is_physical()
-        );
+        assert!(!LegModel { mass_kg: 0.0, ..LegModel::HUMAN }.is_physical());
+        assert!(!LegModel { drag_x: f32::NAN, ..LegModel::HUMAN }.is_physical());
     }
 }

@@ -6,6 +6,11 @@
 #![cfg_attr(not(feature = "host"), forbid(unsafe_code))]
 
 pub mod actor;
+pub mod control;
+pub mod gait;
+pub mod guard;
 pub mod leg;
+pub mod medium;
 pub mod policy;
+pub mod velocity;
 pub mod wire;

@@ -72,10 +72,9 @@ impl fmt::Display for ParseError {
                 "{found} bytes, but the policy has {expected} (at least {PREAMBLE_LEN}): \
                  it was cut off; copy it again"
             ),
-            Self::TooLong { expected, found } => write!(
-                f,
-                "{found} bytes, but the policy has {expected}: remove what follows it"
-            ),
+            Self::TooLong { expected, found } => {
+                write!(f, "{found} bytes, but the policy has {expected}: remove what follows it")
+            }
             Self::Magic(bytes) => write!(
                 f,
                 "it starts with {bytes:02x?}, a policy with \"LEGACTOR\": this is another kind of file"
@@ -95,32 +94,18 @@ impl fmt::Display for ParseError {
             ),
             Self::Shape(e) => write!(f, "{e}: export the policy again"),
             Self::WeightBytes(n) => {
-                write!(
-                    f,
-                    "{n} bytes of weights are not a whole number of 4-byte floats"
-                )
+                write!(f, "{n} bytes of weights are not a whole number of 4-byte floats")
             }
             Self::NonFinite(field) => {
-                write!(
-                    f,
-                    "{field} holds a figure that is not finite: train or export it again"
-                )
+                write!(f, "{field} holds a figure that is not finite: train or export it again")
             }
             Self::OutOfRange(field) => {
-                write!(
-                    f,
-                    "{field} is out of range: correct it and export the policy again"
-                )
+                write!(f, "{field} is out of range: correct it and export the policy again")
             }
-            Self::TestVectors(n) => write!(
-                f,
-                "{n} test vectors, needed are {MIN_TEST_VECTORS} to {MAX_TEST_VECTORS}"
-            ),
-            Self::TestVector {
-                index,
-                expected,
-                found,
-            } => write!(
+            Self::TestVectors(n) => {
+                write!(f, "{n} test vectors, needed are {MIN_TEST_VECTORS} to {MAX_TEST_VECTORS}")
+            }
+            Self::TestVector { index, expected, found } => write!(
                 f,
                 "test vector {index} gives angle {} rad, elongation speed {} m/s here, \
                  but {} and {} where it was made: this build computes differently; do not run it",

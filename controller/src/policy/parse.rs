@@ -30,18 +30,10 @@ impl<'a> Policy<'a> {
             bytemuck::try_cast_slice(blob.weights).map_err(|_| ParseError::Misaligned)?;
         let manifest = blob.manifest;
         check_figures(&manifest, weights, &blob.test_vectors)?;
-        let actor = Actor::new(
-            manifest.widths.clone(),
-            manifest.observation,
-            manifest.action,
-            weights,
-        )?;
+        let actor =
+            Actor::new(manifest.widths.clone(), manifest.observation, manifest.action, weights)?;
         check_test_vectors(&actor, &blob.test_vectors)?;
-        Ok(Self {
-            manifest,
-            actor,
-            crc32,
-        })
+        Ok(Self { manifest, actor, crc32 })
     }
 
     /// Everything in the blob but weights and test vectors.
@@ -66,10 +58,7 @@ impl<'a> Policy<'a> {
 /// Magic, version, length and checksum, before any field is decoded.
 fn check_frame(bytes: &[u8]) -> Result<u32, ParseError> {
     let found = bytes.len();
-    let too_short = ParseError::TooShort {
-        expected: PREAMBLE_LEN + CRC_LEN,
-        found,
-    };
+    let too_short = ParseError::TooShort { expected: PREAMBLE_LEN + CRC_LEN, found };
     let (magic, rest) = bytes.split_first_chunk::<8>().ok_or(too_short)?;
     if *magic != MAGIC {
         return Err(ParseError::Magic(*magic));
@@ -116,15 +105,9 @@ fn check_figures(
     }
     let vector_is_finite = |v: &TestVector| {
         let (o, a) = (&v.observation, &v.action);
-        [
-            o.apex_vx_m_s,
-            o.apex_y_m,
-            o.density_ratio,
-            a.touchdown_angle_rad,
-            a.elongation_speed_m_s,
-        ]
-        .iter()
-        .all(|x| x.is_finite())
+        [o.apex_vx_m_s, o.apex_y_m, o.density_ratio, a.touchdown_angle_rad, a.elongation_speed_m_s]
+            .iter()
+            .all(|x| x.is_finite())
     };
     if !vectors.iter().all(vector_is_finite) {
         return Err(ParseError::NonFinite("test vectors"));
@@ -132,19 +115,14 @@ fn check_figures(
     if a.low.iter().zip(&a.high).any(|(low, high)| low > high) {
         return Err(ParseError::OutOfRange("action clip (low above high)"));
     }
-    if [m.density_ratio, m.gravity_m_s2]
-        .iter()
-        .any(|[low, high]| low > high || *low < 0.0)
-    {
+    if [m.density_ratio, m.gravity_m_s2].iter().any(|[low, high]| low > high || *low < 0.0) {
         return Err(ParseError::OutOfRange("media (low above high, or below 0)"));
     }
     if m.gravity_m_s2[0] <= 0.0 {
         return Err(ParseError::OutOfRange("media gravity (must be above 0)"));
     }
     if !manifest.leg.is_physical() {
-        return Err(ParseError::OutOfRange(
-            "leg (masses, lengths and drag must be physical)",
-        ));
+        return Err(ParseError::OutOfRange("leg (masses, lengths and drag must be physical)"));
     }
     check_gains(manifest)
 }
@@ -152,24 +130,15 @@ fn check_figures(
 fn check_gains(manifest: &Manifest<'_>) -> Result<(), ParseError> {
     let gains = &manifest.gains;
     let finite = |p: &super::GainPoint| {
-        [
-            p.density_ratio,
-            p.kp,
-            p.ki,
-            p.kd,
-            p.feed_forward,
-            p.limit_m_s,
-        ]
-        .iter()
-        .all(|x| x.is_finite())
+        [p.density_ratio, p.kp, p.ki, p.kd, p.feed_forward, p.limit_m_s]
+            .iter()
+            .all(|x| x.is_finite())
     };
     if !gains.iter().all(finite) {
         return Err(ParseError::NonFinite("cascade gains"));
     }
-    let ascending = gains
-        .iter()
-        .zip(gains.iter().skip(1))
-        .all(|(a, b)| a.density_ratio < b.density_ratio);
+    let ascending =
+        gains.iter().zip(gains.iter().skip(1)).all(|(a, b)| a.density_ratio < b.density_ratio);
     if gains.is_empty() || !ascending || gains.iter().any(|p| p.limit_m_s < 0.0) {
         return Err(ParseError::OutOfRange(
             "cascade gains (at least one, by ascending density, limits not below 0)",
@@ -188,11 +157,7 @@ fn check_test_vectors(actor: &Actor<'_>, vectors: &[TestVector]) -> Result<(), P
             == found.touchdown_angle_rad.to_bits()
             && expected.elongation_speed_m_s.to_bits() == found.elongation_speed_m_s.to_bits();
         if !same_bits {
-            return Err(ParseError::TestVector {
-                index,
-                expected,
-                found,
-            });
+            return Err(ParseError::TestVector { index, expected, found });
         }
     }
     Ok(())

@@ -11,10 +11,7 @@ fn manifest() -> Manifest<'static> {
     Manifest {
         name: "test",
         widths: Widths::from_slice(&[3, 50, 50, 2]).unwrap(),
-        observation: ObservationScaling {
-            offset: [0.0, 2.5, 0.5],
-            scale: [0.33, 0.4, 2.0],
-        },
+        observation: ObservationScaling { offset: [0.0, 2.5, 0.5], scale: [0.33, 0.4, 2.0] },
         action: ActionScaling {
             scale: [1.0, 1.5],
             offset: [1.57, 1.0],
@@ -22,10 +19,7 @@ fn manifest() -> Manifest<'static> {
             high: [2.6, 2.0],
         },
         leg: LegModel::HUMAN,
-        media: Media {
-            density_ratio: [0.0, 1.0],
-            gravity_m_s2: [9.81, 9.81],
-        },
+        media: Media { density_ratio: [0.0, 1.0], gravity_m_s2: [9.81, 9.81] },
         provenance: Provenance {
             preset: "test",
             seed: 7,
@@ -33,19 +27,14 @@ fn manifest() -> Manifest<'static> {
             trainer_version: "0",
             config: "",
         },
-        gains: GainSchedule::from_slice(&[GainPoint {
-            limit_m_s: 1.0,
-            ..Default::default()
-        }])
-        .unwrap(),
+        gains: GainSchedule::from_slice(&[GainPoint { limit_m_s: 1.0, ..Default::default() }])
+            .unwrap(),
     }
 }
 
 fn weights(widths: &[u16]) -> StdVec<f32> {
     let n = packed_len(widths).unwrap();
-    (0..n)
-        .map(|i| ((i * 37 % 101) as f32 - 50.0) / 400.0)
-        .collect()
+    (0..n).map(|i| ((i * 37 % 101) as f32 - 50.0) / 400.0).collect()
 }
 
 /// Aligned bytes of any length, for the tests that flip and cut.
@@ -97,32 +86,11 @@ fn what_is_written_is_read_back_in_place() {
 fn each_fault_has_its_own_refusal() {
     let good = blob_of(&manifest()).unwrap();
     let n = good.len();
-    assert_eq!(
-        refusal(&good[..5]),
-        ParseError::TooShort {
-            expected: 18,
-            found: 5
-        }
-    );
-    assert_eq!(
-        refusal(&good[..n - 1]),
-        ParseError::TooShort {
-            expected: n,
-            found: n - 1
-        }
-    );
+    assert_eq!(refusal(&good[..5]), ParseError::TooShort { expected: 18, found: 5 });
+    assert_eq!(refusal(&good[..n - 1]), ParseError::TooShort { expected: n, found: n - 1 });
     let long = [&good[..], &[0]].concat();
-    assert_eq!(
-        refusal(&long),
-        ParseError::TooLong {
-            expected: n,
-            found: n + 1
-        }
-    );
-    assert!(matches!(
-        refusal(b"PK\x03\x04 a zip archive"),
-        ParseError::Magic(_)
-    ));
+    assert_eq!(refusal(&long), ParseError::TooLong { expected: n, found: n + 1 });
+    assert!(matches!(refusal(b"PK\x03\x04 a zip archive"), ParseError::Magic(_)));
     let mut version = good.clone();
     version[8] = 2;
     assert_eq!(refusal(&version), ParseError::Version(2));
@@ -134,16 +102,10 @@ fn each_fault_has_its_own_refusal() {
     assert_eq!(refusal(&resealed(nan)), ParseError::NonFinite("weights"));
     let mut weight = good.clone();
     weight[n - 8..n - 4].copy_from_slice(&0.5_f32.to_le_bytes());
-    assert!(matches!(
-        refusal(&resealed(weight)),
-        ParseError::TestVector { .. }
-    ));
+    assert!(matches!(refusal(&resealed(weight)), ParseError::TestVector { .. }));
     let shifted = [&[0_u8][..], &good].concat();
     let shifted = Bytes::new(&shifted);
-    assert_eq!(
-        Policy::parse(&shifted.get()[1..]).unwrap_err(),
-        ParseError::Misaligned
-    );
+    assert_eq!(Policy::parse(&shifted.get()[1..]).unwrap_err(), ParseError::Misaligned);
 }
 
 #[test]
@@ -160,26 +122,11 @@ fn figures_that_cannot_be_run_are_refused_at_writing() {
         refused(|m| m.observation.scale[1] = f32::INFINITY),
         ParseError::NonFinite("observation scaling")
     );
-    assert_eq!(
-        refused(|m| m.gains[0].ki = f32::NAN),
-        ParseError::NonFinite("cascade gains")
-    );
-    assert!(matches!(
-        refused(|m| m.gains.clear()),
-        ParseError::OutOfRange(_)
-    ));
-    assert!(matches!(
-        refused(|m| m.action.low[0] = 3.0),
-        ParseError::OutOfRange(_)
-    ));
-    assert!(matches!(
-        refused(|m| m.leg.mass_kg = -1.0),
-        ParseError::OutOfRange(_)
-    ));
-    assert!(matches!(
-        refused(|m| m.media.gravity_m_s2 = [0.0, 0.0]),
-        ParseError::OutOfRange(_)
-    ));
+    assert_eq!(refused(|m| m.gains[0].ki = f32::NAN), ParseError::NonFinite("cascade gains"));
+    assert!(matches!(refused(|m| m.gains.clear()), ParseError::OutOfRange(_)));
+    assert!(matches!(refused(|m| m.action.low[0] = 3.0), ParseError::OutOfRange(_)));
+    assert!(matches!(refused(|m| m.leg.mass_kg = -1.0), ParseError::OutOfRange(_)));
+    assert!(matches!(refused(|m| m.media.gravity_m_s2 = [0.0, 0.0]), ParseError::OutOfRange(_)));
 }
 
 #[test]

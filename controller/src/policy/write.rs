@@ -39,13 +39,8 @@ pub fn write(
     buffer: &mut [u8],
 ) -> Result<usize, WriteError> {
     let invalid = |e| WriteError::Invalid(e);
-    let actor = Actor::new(
-        manifest.widths.clone(),
-        manifest.observation,
-        manifest.action,
-        packed,
-    )
-    .map_err(|e| invalid(ParseError::Shape(e)))?;
+    let actor = Actor::new(manifest.widths.clone(), manifest.observation, manifest.action, packed)
+        .map_err(|e| invalid(ParseError::Shape(e)))?;
     let mut blob = Blob {
         magic: MAGIC,
         format_version: FORMAT_VERSION,
@@ -57,9 +52,7 @@ pub fn write(
         crc32: 0,
     };
     let too_small = WriteError::BufferTooSmall(buffer.len());
-    let unpadded = postcard::to_slice(&blob, buffer)
-        .map_err(|_| too_small)?
-        .len();
+    let unpadded = postcard::to_slice(&blob, buffer).map_err(|_| too_small)?.len();
     let weights_at = unpadded - CRC_LEN - size_of_val(packed);
     let zeros = &[0; 3];
     blob.padding = &zeros[..(4 - weights_at % 4) % 4];
@@ -77,15 +70,8 @@ fn test_vectors(actor: &Actor<'_>) -> Vec<TestVector, MAX_TEST_VECTORS> {
     TEST_OBSERVATIONS
         .iter()
         .map(|&[apex_vx_m_s, apex_y_m, density_ratio]| {
-            let observation = Observation {
-                apex_vx_m_s,
-                apex_y_m,
-                density_ratio,
-            };
-            TestVector {
-                observation,
-                action: actor.act(observation),
-            }
+            let observation = Observation { apex_vx_m_s, apex_y_m, density_ratio };
+            TestVector { observation, action: actor.act(observation) }
         })
         .collect()
 }
