@@ -25,10 +25,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         return echo(&args.next().ok_or("which domain?")?);
     }
     let name = format!("bench-{}", std::process::id());
-    let mut child = Process::new(std::env::current_exe()?)
-        .args([ECHO, &name])
-        .stdin(Stdio::null())
-        .spawn()?;
+    let mut child =
+        Process::new(std::env::current_exe()?).args([ECHO, &name]).stdin(Stdio::null()).spawn()?;
     let measured = measure(&name);
     child.wait()?;
     let mut times = measured?;
@@ -72,10 +70,9 @@ fn echo(domain: &str) -> Result<(), Box<dyn std::error::Error>> {
     let mut link = ShmController::connect(&domain, Terms::at(1000), TIMEOUT, &Stop::default())?;
     loop {
         match link.receive(TIMEOUT) {
-            Ok(Some(sample)) => link.send(&Command {
-                header: sample.header,
-                ..Command::default()
-            })?,
+            Ok(Some(sample)) => {
+                link.send(&Command { header: sample.header, ..Command::default() })?
+            }
             Ok(None) => return Err("no sample".into()),
             Err(LinkError::PeerLeft { .. }) => return Ok(()),
             Err(cause) => return Err(cause.into()),

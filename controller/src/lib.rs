@@ -5,6 +5,14 @@
 #![cfg_attr(not(feature = "host"), no_std)]
 #![cfg_attr(not(feature = "host"), forbid(unsafe_code))]
 
+pub mod actor;
+pub mod control;
+pub mod gait;
+pub mod guard;
 #[cfg(feature = "host")]
 pub mod host;
+pub mod leg;
+pub mod medium;
+pub mod policy;
+pub mod velocity;
 pub mod wire;

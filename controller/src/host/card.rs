@@ -65,10 +65,7 @@ impl Terms {
     /// This build's messages, at `rate_hz`.
     #[must_use]
     pub fn at(rate_hz: u32) -> Self {
-        Self {
-            wire_version: WIRE_VERSION,
-            rate_hz,
-        }
+        Self { wire_version: WIRE_VERSION, rate_hz }
     }
 }
 
@@ -81,19 +78,14 @@ pub(super) struct Card {
 
 impl Card {
     fn text(self) -> String {
-        let Terms {
-            wire_version,
-            rate_hz,
-        } = self.terms;
+        let Terms { wire_version, rate_hz } = self.terms;
         format!("pid {}\nwire {wire_version}\nrate_hz {rate_hz}\n", self.pid)
     }
 
     /// `None` while it is being written, or when it is of a kind unknown here.
     fn parse(text: &str) -> Option<Self> {
-        let field = |name: &str| {
-            text.lines()
-                .find_map(|line| line.strip_prefix(name)?.strip_prefix(' '))
-        };
+        let field =
+            |name: &str| text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(' '));
         Some(Self {
             pid: field("pid")?.parse().ok()?,
             terms: Terms {
@@ -169,18 +161,11 @@ pub(super) fn take(domain: &Domain, role: Role, terms: Terms) -> Result<Held, Re
     const TRIES: u32 = 10;
     let path = path(domain, role);
     for _ in 0..TRIES {
-        let mut file = File::options()
-            .create(true)
-            .truncate(false)
-            .read(true)
-            .write(true)
-            .open(&path)?;
+        let mut file =
+            File::options().create(true).truncate(false).read(true).write(true).open(&path)?;
         match file.try_lock() {
             Ok(()) if still_named(&file, &path) => {
-                let card = Card {
-                    pid: std::process::id(),
-                    terms,
-                };
+                let card = Card { pid: std::process::id(), terms };
                 file.set_len(0)?;
                 file.rewind()?;
                 file.write_all(card.text().as_bytes())?;
@@ -217,10 +202,7 @@ mod tests {
         assert_eq!(look(), Presence::Absent);
 
         let held = take(&domain, Role::Leg, Terms::at(1000)).unwrap();
-        let card = Card {
-            pid: std::process::id(),
-            terms: Terms::at(1000),
-        };
+        let card = Card { pid: std::process::id(), terms: Terms::at(1000) };
         assert_eq!(look(), Presence::Alive(Some(card)));
         let second = take(&domain, Role::Leg, Terms::at(500));
         assert!(matches!(second, Err(Refusal::Taken(Some(pid))) if pid == card.pid));

@@ -189,10 +189,7 @@ fn the_last_word_is_heard_then_the_leaving<L: LegLink, C: ControllerLink, ML, MC
             assert_eq!(got.header.seq, 5, "sent before leaving");
             let start = Instant::now();
             let end = controller.receive(LONG);
-            assert!(
-                matches!(end, Err(LinkError::PeerLeft { .. })),
-                "leaving is noticed: {end:?}"
-            );
+            assert!(matches!(end, Err(LinkError::PeerLeft { .. })), "leaving is noticed: {end:?}");
             assert!(start.elapsed() < LONG / 2, "leaving is noticed early");
         },
     );
@@ -213,10 +210,7 @@ fn a_leaving_controller_is_noticed<L: LegLink, C: ControllerLink, ML, MC>(
             // Nobody may be there to take it; that is for `receive` to tell.
             leg.send(&sample(1)).expect("send");
             let end = leg.receive(LONG);
-            assert!(
-                matches!(end, Err(LinkError::PeerLeft { .. })),
-                "leaving is noticed: {end:?}"
-            );
+            assert!(matches!(end, Err(LinkError::PeerLeft { .. })), "leaving is noticed: {end:?}");
         },
         |mut controller| {
             let got = controller.receive(LONG).expect("a link").expect("a sample");

@@ -71,11 +71,7 @@ fn io_error<'a>(
     action: &'static str,
     path: &'a Path,
 ) -> impl FnOnce(io::Error) -> DomainError + 'a {
-    move |cause| DomainError::Io {
-        action,
-        path: path.to_owned(),
-        cause,
-    }
+    move |cause| DomainError::Io { action, path: path.to_owned(), cause }
 }
 
 /// Membership of a domain; ends when dropped.
@@ -125,11 +121,7 @@ impl Place {
         let _ = fs::remove_dir_all(&self.root);
         #[cfg(target_os = "linux")]
         for entry in fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten() {
-            if entry
-                .file_name()
-                .as_encoded_bytes()
-                .starts_with(self.prefix.as_bytes())
-            {
+            if entry.file_name().as_encoded_bytes().starts_with(self.prefix.as_bytes()) {
                 let _ = fs::remove_file(entry.path());
             }
         }
@@ -185,11 +177,7 @@ impl Domain {
                     Ok(()) if still_named(&lock, &place.lock) => {
                         make_private(&place.root)?;
                         sweep_others(&place);
-                        return Ok(Arc::new(Self {
-                            name: name.to_owned(),
-                            place,
-                            lock,
-                        }));
+                        return Ok(Arc::new(Self { name: name.to_owned(), place, lock }));
                     }
                     Ok(()) | Err(TryLockError::WouldBlock) => (),
                     Err(TryLockError::Error(cause)) => {
@@ -247,11 +235,7 @@ fn make_private(path: &Path) -> Result<(), DomainError> {
             if found.uid() == user {
                 Ok(())
             } else {
-                Err(DomainError::Foreign {
-                    path: path.to_owned(),
-                    owner: found.uid(),
-                    user,
-                })
+                Err(DomainError::Foreign { path: path.to_owned(), owner: found.uid(), user })
             }
         }
         // Removed by the last to leave another domain, just now; the caller tries again.

@@ -20,10 +20,7 @@ struct Shared<T>(Mutex<Slot<T>>);
 
 impl<T: Copy> Shared<T> {
     fn new() -> Arc<Self> {
-        Arc::new(Self(Mutex::new(Slot {
-            message: None,
-            sender_left: false,
-        })))
+        Arc::new(Self(Mutex::new(Slot { message: None, sender_left: false })))
     }
 
     fn with<R>(&self, f: impl FnOnce(&mut Slot<T>) -> R) -> R {
@@ -73,10 +70,9 @@ impl<Out: Copy, In: Copy> Link for MemoryLink<Out, In> {
     fn receive(&mut self, timeout: Duration) -> Result<Option<In>, LinkError> {
         let poll = || {
             self.incoming.with(|slot| match slot.message.take() {
-                None if slot.sender_left => Err(LinkError::PeerLeft {
-                    role: self.peer,
-                    pid: std::process::id(),
-                }),
+                None if slot.sender_left => {
+                    Err(LinkError::PeerLeft { role: self.peer, pid: std::process::id() })
+                }
                 message => Ok(message),
             })
         };

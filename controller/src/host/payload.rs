@@ -54,9 +54,6 @@ mod tests {
         let suffix = std::format!(".v{WIRE_VERSION}");
         // SAFETY: nothing to uphold in a call; the trait marks it so for its implementors.
         let names = unsafe { [Sample::type_name(), Command::type_name()] };
-        assert!(
-            names.iter().all(|name| name.ends_with(&suffix)),
-            "{names:?}"
-        );
+        assert!(names.iter().all(|name| name.ends_with(&suffix)), "{names:?}");
     }
 }

@@ -166,11 +166,9 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
     /// Takes the role and makes the ports.
     fn open(domain: &Arc<Domain>, terms: Terms, stop: &Stop) -> Result<Self, ConnectError> {
         let role = card::take(domain, Out::SENDER, terms).map_err(|refusal| match refusal {
-            Refusal::Taken(pid) => ConnectError::RoleTaken {
-                role: Out::SENDER,
-                pid,
-                domain: domain.name().to_owned(),
-            },
+            Refusal::Taken(pid) => {
+                ConnectError::RoleTaken { role: Out::SENDER, pid, domain: domain.name().to_owned() }
+            }
             Refusal::Io(cause) => failed(domain, "take the role", &cause),
         })?;
         // Before touching a service: the reason is clearer from the card.
@@ -262,11 +260,7 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
         }
         std::thread::sleep(LINGER);
         Err(if theirs.wire_version == ours.wire_version {
-            ConnectError::Rate {
-                peer: In::SENDER,
-                theirs: theirs.rate_hz,
-                ours: ours.rate_hz,
-            }
+            ConnectError::Rate { peer: In::SENDER, theirs: theirs.rate_hz, ours: ours.rate_hz }
         } else {
             ConnectError::WireVersion {
                 peer: In::SENDER,
@@ -353,18 +347,11 @@ impl<Out: Message, In: Message> Link for ShmLink<Out, In> {
 }
 
 fn broken(action: &'static str, cause: &dyn Display) -> LinkError {
-    LinkError::Transport {
-        action,
-        cause: cause.to_string(),
-    }
+    LinkError::Transport { action, cause: cause.to_string() }
 }
 
 fn failed(domain: &Domain, action: &'static str, cause: &dyn Display) -> ConnectError {
-    ConnectError::Transport {
-        action,
-        domain: domain.name().to_owned(),
-        cause: cause.to_string(),
-    }
+    ConnectError::Transport { action, domain: domain.name().to_owned(), cause: cause.to_string() }
 }
 
 /// iceoryx2's configuration for a domain: all its files in the domain's
@@ -384,9 +371,7 @@ fn service<T: Message>(
     domain: &Domain,
     terms: Terms,
 ) -> Result<Service<T>, ConnectError> {
-    let name = T::SERVICE
-        .try_into()
-        .map_err(|e| failed(domain, "name a service", &e))?;
+    let name = T::SERVICE.try_into().map_err(|e| failed(domain, "name a service", &e))?;
     let attributes =
         attributes(terms).map_err(|cause| failed(domain, "describe a service", &cause))?;
     settle(|| {
@@ -414,16 +399,13 @@ fn service<T: Message>(
 /// What a service says of itself, for the `iox2` tool and for peers without a card.
 fn attributes(terms: Terms) -> Result<AttributeVerifier, String> {
     let mut attributes = AttributeVerifier::new();
-    for (key, number) in [
-        (WIRE_VERSION_KEY, u32::from(terms.wire_version)),
-        (RATE_KEY, terms.rate_hz),
-    ] {
+    for (key, number) in
+        [(WIRE_VERSION_KEY, u32::from(terms.wire_version)), (RATE_KEY, terms.rate_hz)]
+    {
         let key = AttributeKey::new(key.as_bytes()).map_err(|cause| cause.to_string())?;
         let value = AttributeValue::new(number.to_string().as_bytes())
             .map_err(|cause| cause.to_string())?;
-        attributes = attributes
-            .require(&key, &value)
-            .map_err(|cause| cause.to_string())?;
+        attributes = attributes.require(&key, &value).map_err(|cause| cause.to_string())?;
     }
     Ok(attributes)
 }

@@ -32,10 +32,7 @@ pub(super) struct Waiter {
 
 impl Waiter {
     pub(super) fn new() -> Self {
-        Self {
-            spin: Cell::new(SPIN),
-            waits: Cell::new(0),
-        }
+        Self { spin: Cell::new(SPIN), waits: Cell::new(0) }
     }
 
     /// Calls `poll` until it has something, at most for `timeout`. After every

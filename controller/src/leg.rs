@@ -1,0 +1,109 @@
+//! The leg that a policy was trained for, as the blob states it.
+
+use serde::{Deserialize, Serialize};
+
+/// Parameters of the spring leg (SLIP in a fluid), SI units, f32.
+///
+/// Source of the default figures: table 1 and the published code of "Learning
+/// to stop", doi 10.5281/zenodo.4607469.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LegModel {
+    /// Dry mass, kg.
+    pub mass_kg: f32,
+    /// Added mass of the fluid that moves along, kg; the same in every medium.
+    pub added_mass_kg: f32,
+    /// Spring stiffness, N/m.
+    pub stiffness_n_m: f32,
+    /// Displaced volume, m3.
+    pub volume_m3: f32,
+    /// Rest length of the unextended leg, m.
+    pub rest_length_m: f32,
+    /// Largest elongation of the rest length, m.
+    pub max_elongation_m: f32,
+    /// Projected area against horizontal motion, m2.
+    pub area_x_m2: f32,
+    /// Projected area against vertical motion, m2.
+    pub area_y_m2: f32,
+    /// Horizontal drag coefficient.
+    pub drag_x: f32,
+    /// Vertical drag coefficient.
+    pub drag_y: f32,
+}
+
+/// Density of the reference fluid (ratio 1), kg/m3.
+pub const WATER_DENSITY_KG_M3: f32 = 1000.0;
+
+impl LegModel {
+    /// The human-size leg of the paper.
+    pub const HUMAN: Self = Self {
+        mass_kg: 80.0,
+        added_mass_kg: 8.0,
+        stiffness_n_m: 20_000.0,
+        volume_m3: 0.0624,
+        rest_length_m: 1.0,
+        max_elongation_m: 0.2,
+        area_x_m2: 0.1925,
+        area_y_m2: 0.105,
+        drag_x: 1.05,
+        drag_y: 1.05,
+    };
+
+    /// The fields in declaration order, to check them all alike.
+    const fn fields(&self) -> [f32; 10] {
+        [
+            self.mass_kg,
+            self.added_mass_kg,
+            self.stiffness_n_m,
+            self.volume_m3,
+            self.rest_length_m,
+            self.max_elongation_m,
+            self.area_x_m2,
+            self.area_y_m2,
+            self.drag_x,
+            self.drag_y,
+        ]
+    }
+
+    /// Whether every figure is finite and none is below zero, and those that
+    /// the control law divides by (mass, volume, rest length) are above it.
+    #[must_use]
+    pub fn is_physical(&self) -> bool {
+        self.fields().iter().all(|x| x.is_finite() && *x >= 0.0)
+            && self.mass_kg > 0.0
+            && self.volume_m3 > 0.0
+            && self.rest_length_m > 0.0
+    }
+
+    /// The density ratio at which the leg, free of contact and of drag,
+    /// accelerates vertically by `ay_m_s2` under gravity `gravity_m_s2`.
+    ///
+    /// From `ay = -(m - 1000 rho V) g / (m + M)`, which holds at an apex, where
+    /// the vertical drag is zero. Not clamped to any range.
+    #[must_use]
+    pub fn density_ratio_at(&self, ay_m_s2: f32, gravity_m_s2: f32) -> f32 {
+        let moving_mass_kg = self.mass_kg + self.added_mass_kg;
+        (self.mass_kg + ay_m_s2 * moving_mass_kg / gravity_m_s2)
+            / (WATER_DENSITY_KG_M3 * self.volume_m3)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn density_from_the_acceleration_at_an_apex() {
+        let leg = LegModel::HUMAN;
+        for rho in [0.0_f32, 0.3, 1.0] {
+            let ay = -(80.0 - 1000.0 * rho * 0.0624) * 9.81 / 88.0;
+            assert!((leg.density_ratio_at(ay, 9.81) - rho).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn a_leg_without_mass_or_with_a_nan_is_not_physical() {
+        assert!(LegModel::HUMAN.is_physical());
+        assert!(!LegModel { mass_kg: 0.0, ..LegModel::HUMAN }.is_physical());
+        assert!(!LegModel { drag_x: f32::NAN, ..LegModel::HUMAN }.is_physical());
+    }
+}

@@ -1,0 +1,142 @@
+//! Why a blob is refused, or cannot be written.
+
+use super::{FORMAT_VERSION, MAX_TEST_VECTORS, MIN_TEST_VECTORS, PREAMBLE_LEN};
+use crate::actor::{Action, ShapeError};
+use core::fmt;
+
+/// Why bytes are not a policy that can be run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum ParseError {
+    /// Fewer bytes than the blob says it has, or than its preamble.
+    TooShort {
+        /// Bytes needed.
+        expected: usize,
+        /// Bytes given.
+        found: usize,
+    },
+    /// More bytes than the blob says it has.
+    TooLong {
+        /// Bytes of the blob.
+        expected: usize,
+        /// Bytes given.
+        found: usize,
+    },
+    /// It does not start with [`super::MAGIC`].
+    Magic([u8; 8]),
+    /// Another format version.
+    Version(u16),
+    /// The checksum does not match the bytes.
+    Crc {
+        /// Stored in the blob.
+        stored: u32,
+        /// Of the bytes.
+        computed: u32,
+    },
+    /// The fields cannot be decoded although the checksum matches.
+    Malformed,
+    /// The weights are not at a multiple of 4 bytes in memory.
+    Misaligned,
+    /// Architecture and weights do not belong together.
+    Shape(ShapeError),
+    /// The byte string of weights is not a whole number of floats.
+    WeightBytes(usize),
+    /// A figure is not finite; the field is named.
+    NonFinite(&'static str),
+    /// A figure is outside what it may be; the field is named.
+    OutOfRange(&'static str),
+    /// Fewer test vectors than a blob must carry.
+    TestVectors(usize),
+    /// A test vector's action comes out otherwise.
+    TestVector {
+        /// Which, from 0.
+        index: usize,
+        /// The action in the blob.
+        expected: Action,
+        /// The action computed here.
+        found: Action,
+    },
+}
+
+impl From<ShapeError> for ParseError {
+    fn from(error: ShapeError) -> Self {
+        Self::Shape(error)
+    }
+}
+
+impl fmt::Display for ParseError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooShort { expected, found } => write!(
+                f,
+                "{found} bytes, but the policy has {expected} (at least {PREAMBLE_LEN}): \
+                 it was cut off; copy it again"
+            ),
+            Self::TooLong { expected, found } => {
+                write!(f, "{found} bytes, but the policy has {expected}: remove what follows it")
+            }
+            Self::Magic(bytes) => write!(
+                f,
+                "it starts with {bytes:02x?}, a policy with \"LEGACTOR\": this is another kind of file"
+            ),
+            Self::Version(v) => write!(
+                f,
+                "format version {v}, this build reads {FORMAT_VERSION}: export the policy again"
+            ),
+            Self::Crc { stored, computed } => write!(
+                f,
+                "CRC-32 {computed:08x}, stored is {stored:08x}: it was damaged; copy it again"
+            ),
+            Self::Malformed => write!(f, "the fields cannot be decoded: export the policy again"),
+            Self::Misaligned => write!(
+                f,
+                "it does not lie on a multiple of 4 bytes: load it into an aligned buffer"
+            ),
+            Self::Shape(e) => write!(f, "{e}: export the policy again"),
+            Self::WeightBytes(n) => {
+                write!(f, "{n} bytes of weights are not a whole number of 4-byte floats")
+            }
+            Self::NonFinite(field) => {
+                write!(f, "{field} holds a figure that is not finite: train or export it again")
+            }
+            Self::OutOfRange(field) => {
+                write!(f, "{field} is out of range: correct it and export the policy again")
+            }
+            Self::TestVectors(n) => {
+                write!(f, "{n} test vectors, needed are {MIN_TEST_VECTORS} to {MAX_TEST_VECTORS}")
+            }
+            Self::TestVector { index, expected, found } => write!(
+                f,
+                "test vector {index} gives angle {} rad, elongation speed {} m/s here, \
+                 but {} and {} where it was made: this build computes differently; do not run it",
+                found.touchdown_angle_rad,
+                found.elongation_speed_m_s,
+                expected.touchdown_angle_rad,
+                expected.elongation_speed_m_s
+            ),
+        }
+    }
+}
+
+impl core::error::Error for ParseError {}
+
+/// Why a blob cannot be written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum WriteError {
+    /// The buffer is smaller than the blob.
+    BufferTooSmall(usize),
+    /// What was written would be refused when read back.
+    Invalid(ParseError),
+}
+
+impl fmt::Display for WriteError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::BufferTooSmall(n) => write!(f, "the policy does not fit a buffer of {n} bytes"),
+            Self::Invalid(e) => write!(f, "the policy cannot be written: {e}"),
+        }
+    }
+}
+
+impl core::error::Error for WriteError {}

@@ -1,0 +1,150 @@
+//! The policy blob: a frozen actor with all that is needed to trust and run it.
+//!
+//! # Format, version 1
+//! One postcard message, of these fields in this order:
+//!
+//! | field | encoding | meaning |
+//! |---|---|---|
+//! | magic | 8 bytes | `LEGACTOR` |
+//! | format version | u16, fixed, little-endian | 1 |
+//! | length | u32, fixed, little-endian | of the whole blob, bytes |
+//! | [`Manifest`] | postcard | name, widths, scalings, leg, media, provenance, cascade gains |
+//! | test vectors | postcard, 8 to 16 | [`TestVector`]: an observation and its action |
+//! | padding | byte string of 0 to 3 zeros | puts the weights on a multiple of 4 |
+//! | weights | byte string | f32, little-endian, packed as [`crate::actor::pack`] says, layer after layer |
+//! | CRC-32 | u32, fixed, little-endian | ISO HDLC, over all bytes before it |
+//!
+//! The blob must lie at a 4-byte aligned address ([`Aligned`] and
+//! [`include_policy!`](crate::include_policy) see to that); weights are then
+//! read where they lie. A blob is refused whole, with a [`ParseError`], unless
+//! everything in it checks, down to the last bit of every test vector's action
+//! as computed by the very kernel that will run it.
+
+mod aligned;
+mod error;
+mod parse;
+mod write;
+
+use crate::actor::{Action, ActionScaling, Observation, ObservationScaling, Widths};
+use crate::leg::LegModel;
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+
+pub use aligned::Aligned;
+pub use error::{ParseError, WriteError};
+pub use parse::Policy;
+pub use write::write;
+
+/// The first eight bytes of a blob.
+pub const MAGIC: [u8; 8] = *b"LEGACTOR";
+/// The format described above.
+pub const FORMAT_VERSION: u16 = 1;
+/// Fewest test vectors in a blob.
+pub const MIN_TEST_VECTORS: usize = 8;
+/// Most test vectors in a blob.
+pub const MAX_TEST_VECTORS: usize = 16;
+/// Most points in a gain schedule.
+pub const MAX_GAIN_POINTS: usize = 16;
+
+/// Bytes before the manifest: magic, format version, length.
+const PREAMBLE_LEN: usize = 8 + 2 + 4;
+/// Bytes of the checksum at the end.
+const CRC_LEN: usize = 4;
+
+/// The checksum of blobs and frames.
+pub(crate) const CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+
+/// Everything in a blob but the weights and the test vectors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Manifest<'a> {
+    /// What to call the policy.
+    pub name: &'a str,
+    /// Widths from the inputs to the outputs.
+    pub widths: Widths,
+    /// From an observation to the network's inputs.
+    pub observation: ObservationScaling,
+    /// From the network's outputs to an action.
+    pub action: ActionScaling,
+    /// The leg it was trained on.
+    pub leg: LegModel,
+    /// The media it was trained in.
+    pub media: Media,
+    /// Where it comes from.
+    #[serde(borrow)]
+    pub provenance: Provenance<'a>,
+    /// Recommended cascade gains, by ascending density.
+    pub gains: GainSchedule,
+}
+
+/// Points of a gain schedule, by ascending density.
+pub type GainSchedule = Vec<GainPoint, MAX_GAIN_POINTS>;
+
+/// Ranges of media, lowest and highest.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Media {
+    /// Fluid density over that of water.
+    pub density_ratio: [f32; 2],
+    /// Gravity, m/s2.
+    pub gravity_m_s2: [f32; 2],
+}
+
+/// How a policy was made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Provenance<'a> {
+    /// The trainer's preset, or where it was imported from.
+    pub preset: &'a str,
+    /// Seed of everything random in the training.
+    pub seed: u64,
+    /// Environment steps trained.
+    pub steps: u64,
+    /// Version of the trainer.
+    pub trainer_version: &'a str,
+    /// All hyperparameters, TOML (the plant's tolerance among them).
+    pub config: &'a str,
+}
+
+/// Gains of the velocity cascade at one density; see [`crate::velocity`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct GainPoint {
+    /// Fluid density over that of water at which these hold.
+    pub density_ratio: f32,
+    /// Proportional gain, dimensionless (m/s of offset per m/s of error).
+    pub kp: f32,
+    /// Integral gain per apex, dimensionless.
+    pub ki: f32,
+    /// Derivative gain per apex, dimensionless.
+    pub kd: f32,
+    /// Feed-forward of the set-point, dimensionless.
+    pub feed_forward: f32,
+    /// Bound of the offset's magnitude, m/s.
+    pub limit_m_s: f32,
+}
+
+/// An observation and the action that must come of it, bit for bit.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TestVector {
+    /// Input.
+    pub observation: Observation,
+    /// Output.
+    pub action: Action,
+}
+
+/// The whole message, borrowed from the blob.
+#[derive(Serialize, Deserialize)]
+struct Blob<'a> {
+    magic: [u8; 8],
+    #[serde(with = "postcard::fixint::le")]
+    format_version: u16,
+    #[serde(with = "postcard::fixint::le")]
+    length: u32,
+    #[serde(borrow)]
+    manifest: Manifest<'a>,
+    test_vectors: Vec<TestVector, MAX_TEST_VECTORS>,
+    padding: &'a [u8],
+    weights: &'a [u8],
+    #[serde(with = "postcard::fixint::le")]
+    crc32: u32,
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,164 @@
+//! From bytes to a policy that has passed every check.
+
+use super::{
+    Blob, CRC, CRC_LEN, FORMAT_VERSION, MAGIC, MIN_TEST_VECTORS, Manifest, PREAMBLE_LEN,
+    ParseError, TestVector,
+};
+use crate::actor::Actor;
+
+/// A checked policy over the bytes of its blob. There is no other way to make one.
+#[derive(Clone, Debug)]
+pub struct Policy<'a> {
+    manifest: Manifest<'a>,
+    actor: Actor<'a>,
+    crc32: u32,
+}
+
+impl<'a> Policy<'a> {
+    /// Checks a blob and reads it in place.
+    ///
+    /// # Errors
+    /// [`ParseError`] says what is wrong and what to do. The bytes must lie on
+    /// a multiple of 4; everything else is up to the blob.
+    pub fn parse(bytes: &'a [u8]) -> Result<Self, ParseError> {
+        let crc32 = check_frame(bytes)?;
+        let blob: Blob<'a> = postcard::from_bytes(bytes).map_err(|_| ParseError::Malformed)?;
+        if !blob.weights.len().is_multiple_of(4) {
+            return Err(ParseError::WeightBytes(blob.weights.len()));
+        }
+        let weights: &'a [f32] =
+            bytemuck::try_cast_slice(blob.weights).map_err(|_| ParseError::Misaligned)?;
+        let manifest = blob.manifest;
+        check_figures(&manifest, weights, &blob.test_vectors)?;
+        let actor =
+            Actor::new(manifest.widths.clone(), manifest.observation, manifest.action, weights)?;
+        check_test_vectors(&actor, &blob.test_vectors)?;
+        Ok(Self { manifest, actor, crc32 })
+    }
+
+    /// Everything in the blob but weights and test vectors.
+    #[must_use]
+    pub fn manifest(&self) -> &Manifest<'a> {
+        &self.manifest
+    }
+
+    /// The frozen actor.
+    #[must_use]
+    pub fn actor(&self) -> &Actor<'a> {
+        &self.actor
+    }
+
+    /// The blob's checksum, which serves as its short identity.
+    #[must_use]
+    pub fn crc32(&self) -> u32 {
+        self.crc32
+    }
+}
+
+/// Magic, version, length and checksum, before any field is decoded.
+fn check_frame(bytes: &[u8]) -> Result<u32, ParseError> {
+    let found = bytes.len();
+    let too_short = ParseError::TooShort { expected: PREAMBLE_LEN + CRC_LEN, found };
+    let (magic, rest) = bytes.split_first_chunk::<8>().ok_or(too_short)?;
+    if *magic != MAGIC {
+        return Err(ParseError::Magic(*magic));
+    }
+    let (version, rest) = rest.split_first_chunk::<2>().ok_or(too_short)?;
+    let version = u16::from_le_bytes(*version);
+    if version != FORMAT_VERSION {
+        return Err(ParseError::Version(version));
+    }
+    let length = rest.first_chunk::<4>().ok_or(too_short)?;
+    let expected = u32::from_le_bytes(*length) as usize;
+    if found < expected.max(PREAMBLE_LEN + CRC_LEN) {
+        return Err(ParseError::TooShort { expected, found });
+    }
+    if found > expected {
+        return Err(ParseError::TooLong { expected, found });
+    }
+    let (body, stored) = bytes.split_last_chunk::<CRC_LEN>().ok_or(too_short)?;
+    let stored = u32::from_le_bytes(*stored);
+    let computed = CRC.checksum(body);
+    if stored != computed {
+        return Err(ParseError::Crc { stored, computed });
+    }
+    Ok(stored)
+}
+
+/// Finite, and where the control law relies on it, in range.
+fn check_figures(
+    manifest: &Manifest<'_>,
+    weights: &[f32],
+    vectors: &[TestVector],
+) -> Result<(), ParseError> {
+    let (o, a, m) = (&manifest.observation, &manifest.action, &manifest.media);
+    let finite: [(&'static str, &[&[f32]]); 4] = [
+        ("observation scaling", &[&o.offset, &o.scale]),
+        ("action scaling", &[&a.offset, &a.scale, &a.low, &a.high]),
+        ("media", &[&m.density_ratio, &m.gravity_m_s2]),
+        ("weights", &[weights]),
+    ];
+    for (field, figures) in finite {
+        if !figures.iter().copied().flatten().all(|x| x.is_finite()) {
+            return Err(ParseError::NonFinite(field));
+        }
+    }
+    let vector_is_finite = |v: &TestVector| {
+        let (o, a) = (&v.observation, &v.action);
+        [o.apex_vx_m_s, o.apex_y_m, o.density_ratio, a.touchdown_angle_rad, a.elongation_speed_m_s]
+            .iter()
+            .all(|x| x.is_finite())
+    };
+    if !vectors.iter().all(vector_is_finite) {
+        return Err(ParseError::NonFinite("test vectors"));
+    }
+    if a.low.iter().zip(&a.high).any(|(low, high)| low > high) {
+        return Err(ParseError::OutOfRange("action clip (low above high)"));
+    }
+    if [m.density_ratio, m.gravity_m_s2].iter().any(|[low, high]| low > high || *low < 0.0) {
+        return Err(ParseError::OutOfRange("media (low above high, or below 0)"));
+    }
+    if m.gravity_m_s2[0] <= 0.0 {
+        return Err(ParseError::OutOfRange("media gravity (must be above 0)"));
+    }
+    if !manifest.leg.is_physical() {
+        return Err(ParseError::OutOfRange("leg (masses, lengths and drag must be physical)"));
+    }
+    check_gains(manifest)
+}
+
+fn check_gains(manifest: &Manifest<'_>) -> Result<(), ParseError> {
+    let gains = &manifest.gains;
+    let finite = |p: &super::GainPoint| {
+        [p.density_ratio, p.kp, p.ki, p.kd, p.feed_forward, p.limit_m_s]
+            .iter()
+            .all(|x| x.is_finite())
+    };
+    if !gains.iter().all(finite) {
+        return Err(ParseError::NonFinite("cascade gains"));
+    }
+    let ascending =
+        gains.iter().zip(gains.iter().skip(1)).all(|(a, b)| a.density_ratio < b.density_ratio);
+    if gains.is_empty() || !ascending || gains.iter().any(|p| p.limit_m_s < 0.0) {
+        return Err(ParseError::OutOfRange(
+            "cascade gains (at least one, by ascending density, limits not below 0)",
+        ));
+    }
+    Ok(())
+}
+
+fn check_test_vectors(actor: &Actor<'_>, vectors: &[TestVector]) -> Result<(), ParseError> {
+    if vectors.len() < MIN_TEST_VECTORS {
+        return Err(ParseError::TestVectors(vectors.len()));
+    }
+    for (index, vector) in vectors.iter().enumerate() {
+        let (expected, found) = (vector.action, actor.act(vector.observation));
+        let same_bits = expected.touchdown_angle_rad.to_bits()
+            == found.touchdown_angle_rad.to_bits()
+            && expected.elongation_speed_m_s.to_bits() == found.elongation_speed_m_s.to_bits();
+        if !same_bits {
+            return Err(ParseError::TestVector { index, expected, found });
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,174 @@
+//! Every refusal, and the way there and back.
+
+extern crate std;
+use super::*;
+use crate::actor::{Widths, packed_len};
+use proptest::prelude::*;
+use std::vec;
+use std::vec::Vec as StdVec;
+
+fn manifest() -> Manifest<'static> {
+    Manifest {
+        name: "test",
+        widths: Widths::from_slice(&[3, 50, 50, 2]).unwrap(),
+        observation: ObservationScaling { offset: [0.0, 2.5, 0.5], scale: [0.33, 0.4, 2.0] },
+        action: ActionScaling {
+            scale: [1.0, 1.5],
+            offset: [1.57, 1.0],
+            low: [0.314, 0.0],
+            high: [2.6, 2.0],
+        },
+        leg: LegModel::HUMAN,
+        media: Media { density_ratio: [0.0, 1.0], gravity_m_s2: [9.81, 9.81] },
+        provenance: Provenance {
+            preset: "test",
+            seed: 7,
+            steps: 0,
+            trainer_version: "0",
+            config: "",
+        },
+        gains: GainSchedule::from_slice(&[GainPoint { limit_m_s: 1.0, ..Default::default() }])
+            .unwrap(),
+    }
+}
+
+fn weights(widths: &[u16]) -> StdVec<f32> {
+    let n = packed_len(widths).unwrap();
+    (0..n).map(|i| ((i * 37 % 101) as f32 - 50.0) / 400.0).collect()
+}
+
+/// Aligned bytes of any length, for the tests that flip and cut.
+struct Bytes(StdVec<u32>, usize);
+
+impl Bytes {
+    fn new(bytes: &[u8]) -> Self {
+        let mut words = vec![0_u32; bytes.len().div_ceil(4)];
+        bytemuck::cast_slice_mut::<u32, u8>(&mut words)[..bytes.len()].copy_from_slice(bytes);
+        Self(words, bytes.len())
+    }
+    fn get(&self) -> &[u8] {
+        &bytemuck::cast_slice::<u32, u8>(&self.0)[..self.1]
+    }
+}
+
+fn blob_of(manifest: &Manifest<'_>) -> Result<StdVec<u8>, WriteError> {
+    let mut buffer = vec![0_u32; 8 * 1024];
+    let buffer: &mut [u8] = bytemuck::cast_slice_mut(&mut buffer);
+    let len = write(manifest, &weights(&manifest.widths), buffer)?;
+    Ok(buffer[..len].to_vec())
+}
+
+fn refusal(bytes: &[u8]) -> ParseError {
+    Policy::parse(Bytes::new(bytes).get()).expect_err("must be refused")
+}
+
+/// The bytes with their checksum made right again.
+fn resealed(mut bytes: StdVec<u8>) -> StdVec<u8> {
+    let (body, crc) = bytes.split_last_chunk_mut::<4>().unwrap();
+    *crc = CRC.checksum(body).to_le_bytes();
+    bytes
+}
+
+#[test]
+fn what_is_written_is_read_back_in_place() {
+    for name in ["a", "ab", "abc", "abcd"] {
+        let manifest = Manifest { name, ..manifest() };
+        let bytes = Bytes::new(&blob_of(&manifest).unwrap());
+        let policy = Policy::parse(bytes.get()).unwrap();
+        assert_eq!(*policy.manifest(), manifest);
+        assert_eq!(policy.actor().weights(), weights(&manifest.widths));
+        let inside = bytes.get().as_ptr_range();
+        assert!(inside.contains(&policy.actor().weights().as_ptr().cast()));
+    }
+}
+
+#[test]
+fn each_fault_has_its_own_refusal() {
+    let good = blob_of(&manifest()).unwrap();
+    let n = good.len();
+    assert_eq!(refusal(&good[..5]), ParseError::TooShort { expected: 18, found: 5 });
+    assert_eq!(refusal(&good[..n - 1]), ParseError::TooShort { expected: n, found: n - 1 });
+    let long = [&good[..], &[0]].concat();
+    assert_eq!(refusal(&long), ParseError::TooLong { expected: n, found: n + 1 });
+    assert!(matches!(refusal(b"PK\x03\x04 a zip archive"), ParseError::Magic(_)));
+    let mut version = good.clone();
+    version[8] = 2;
+    assert_eq!(refusal(&version), ParseError::Version(2));
+    let mut flipped = good.clone();
+    flipped[n / 2] ^= 1;
+    assert!(matches!(refusal(&flipped), ParseError::Crc { .. }));
+    let mut nan = good.clone();
+    nan[n - 8..n - 4].copy_from_slice(&f32::NAN.to_le_bytes());
+    assert_eq!(refusal(&resealed(nan)), ParseError::NonFinite("weights"));
+    let mut weight = good.clone();
+    weight[n - 8..n - 4].copy_from_slice(&0.5_f32.to_le_bytes());
+    assert!(matches!(refusal(&resealed(weight)), ParseError::TestVector { .. }));
+    let shifted = [&[0_u8][..], &good].concat();
+    let shifted = Bytes::new(&shifted);
+    assert_eq!(Policy::parse(&shifted.get()[1..]).unwrap_err(), ParseError::Misaligned);
+}
+
+#[test]
+fn figures_that_cannot_be_run_are_refused_at_writing() {
+    let refused = |change: fn(&mut Manifest<'static>)| {
+        let mut manifest = manifest();
+        change(&mut manifest);
+        match blob_of(&manifest) {
+            Err(WriteError::Invalid(e)) => e,
+            other => panic!("{other:?}"),
+        }
+    };
+    assert_eq!(
+        refused(|m| m.observation.scale[1] = f32::INFINITY),
+        ParseError::NonFinite("observation scaling")
+    );
+    assert_eq!(refused(|m| m.gains[0].ki = f32::NAN), ParseError::NonFinite("cascade gains"));
+    assert!(matches!(refused(|m| m.gains.clear()), ParseError::OutOfRange(_)));
+    assert!(matches!(refused(|m| m.action.low[0] = 3.0), ParseError::OutOfRange(_)));
+    assert!(matches!(refused(|m| m.leg.mass_kg = -1.0), ParseError::OutOfRange(_)));
+    assert!(matches!(refused(|m| m.media.gravity_m_s2 = [0.0, 0.0]), ParseError::OutOfRange(_)));
+}
+
+#[test]
+fn too_few_test_vectors_are_refused() {
+    let bytes = Bytes::new(&blob_of(&manifest()).unwrap());
+    let mut blob: Blob<'_> = postcard::from_bytes(bytes.get()).unwrap();
+    blob.test_vectors.truncate(MIN_TEST_VECTORS - 1);
+    // Of 7 vectors of 20 bytes, the padding stays right.
+    let mut buffer = vec![0_u8; 16 * 1024];
+    let len = postcard::to_slice(&blob, &mut buffer).unwrap().len();
+    blob.length = len as u32;
+    let shorter = postcard::to_slice(&blob, &mut buffer).unwrap().to_vec();
+    assert_eq!(refusal(&resealed(shorter)), ParseError::TestVectors(7));
+}
+
+#[test]
+fn a_buffer_that_is_too_small_is_said_so() {
+    let mut buffer = [0_u8; 100];
+    let manifest = manifest();
+    assert_eq!(
+        write(&manifest, &weights(&manifest.widths), &mut buffer),
+        Err(WriteError::BufferTooSmall(100))
+    );
+}
+
+proptest! {
+    #[test]
+    fn any_changed_byte_is_noticed(at in any::<prop::sample::Index>(), bits in 1_u8..) {
+        let mut bytes = blob_of(&manifest()).unwrap();
+        let at = at.index(bytes.len());
+        bytes[at] ^= bits;
+        prop_assert!(Policy::parse(Bytes::new(&bytes).get()).is_err());
+    }
+
+    #[test]
+    fn any_bytes_are_parsed_without_a_panic(tail in prop::collection::vec(any::<u8>(), 0..600)) {
+        let mut bytes = StdVec::from(MAGIC);
+        bytes.extend(FORMAT_VERSION.to_le_bytes());
+        bytes.extend(((PREAMBLE_LEN + tail.len() + CRC_LEN) as u32).to_le_bytes());
+        bytes.extend(&tail);
+        bytes.extend([0; 4]);
+        let sealed = Bytes::new(&resealed(bytes));
+        prop_assert!(Policy::parse(sealed.get()).is_err());
+    }
+}

@@ -1,0 +1,175 @@
+//! The outer loop of the cascade: a PID on the apex velocity, once an apex.
+//!
+//! The frozen actor brings the leg to a hop on the spot; shown `vx - u` in
+//! place of `vx`, it brings the leg to the speed `u` instead, as far as its own
+//! steady-state error lets it. This loop finds the `u` that makes the leg's
+//! speed the set-point (after section 2.2 of "Learning to stop", whose code
+//! integrates and whose text asks for the other terms).
+//!
+//! ```text
+//! e = set-point - vx
+//! u = clamp(ff * set-point + kp * e + I - kd * (vx - vx of the last apex), -limit, limit)
+//! I += ki * e, unless that drives u further out of its limit
+//! ```
+//!
+//! Gains are interpolated linearly over density. The derivative acts on the
+//! measurement, so that a step of the set-point gives no kick. The integral is
+//! kept as an offset in m/s, so that a change of gains gives no bump.
+
+use crate::policy::{GainPoint, GainSchedule};
+
+/// The velocity loop and its memory. Velocities in m/s.
+#[derive(Clone, Debug)]
+pub struct Cascade {
+    schedule: GainSchedule,
+    integral_m_s: f32,
+    last_vx_m_s: Option<f32>,
+}
+
+impl Cascade {
+    /// A loop at rest, with the gains of a schedule by ascending density.
+    #[must_use]
+    pub fn new(schedule: GainSchedule) -> Self {
+        Self { schedule, integral_m_s: 0.0, last_vx_m_s: None }
+    }
+
+    /// Forgets integral and derivative.
+    pub fn reset(&mut self) {
+        self.integral_m_s = 0.0;
+        self.last_vx_m_s = None;
+    }
+
+    /// The offset `u`, m/s, to be subtracted from the observed velocity, after
+    /// an apex with velocity `vx_m_s` in a medium of that density ratio.
+    pub fn update(&mut self, set_point_m_s: f32, vx_m_s: f32, density_ratio: f32) -> f32 {
+        let gains = gains_at(&self.schedule, density_ratio);
+        let limit = gains.limit_m_s;
+        let error = set_point_m_s - vx_m_s;
+        let slope = self.last_vx_m_s.map_or(0.0, |last| vx_m_s - last);
+        self.last_vx_m_s = Some(vx_m_s);
+
+        let direct = gains.feed_forward * set_point_m_s + gains.kp * error - gains.kd * slope;
+        let before = self.integral_m_s;
+        let wanted = direct + before + gains.ki * error;
+        let winds_up = (wanted > limit && error > 0.0) || (wanted < -limit && error < 0.0);
+        if !winds_up {
+            self.integral_m_s = before + gains.ki * error;
+        }
+        clamp(direct + self.integral_m_s, limit)
+    }
+}
+
+/// A schedule's gains at a density: linear between points, held beyond the ends.
+#[must_use]
+pub fn gains_at(schedule: &[GainPoint], density_ratio: f32) -> GainPoint {
+    let (Some(&first), Some(&last)) = (schedule.first(), schedule.last()) else {
+        return GainPoint::default();
+    };
+    if density_ratio >= last.density_ratio {
+        return last;
+    }
+    let below_and_above = schedule
+        .iter()
+        .zip(schedule.iter().skip(1))
+        .find(|(a, b)| a.density_ratio <= density_ratio && density_ratio < b.density_ratio);
+    let Some((a, b)) = below_and_above else {
+        return first;
+    };
+    let part = (density_ratio - a.density_ratio) / (b.density_ratio - a.density_ratio);
+    let mix = |from: f32, to: f32| from + (to - from) * part;
+    GainPoint {
+        density_ratio,
+        kp: mix(a.kp, b.kp),
+        ki: mix(a.ki, b.ki),
+        kd: mix(a.kd, b.kd),
+        feed_forward: mix(a.feed_forward, b.feed_forward),
+        limit_m_s: mix(a.limit_m_s, b.limit_m_s),
+    }
+}
+
+fn clamp(x: f32, limit: f32) -> f32 {
+    if x > limit {
+        limit
+    } else if x < -limit {
+        -limit
+    } else {
+        x
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn schedule(points: &[GainPoint]) -> GainSchedule {
+        GainSchedule::from_slice(points).unwrap()
+    }
+
+    const WATER: GainPoint = GainPoint {
+        density_ratio: 1.0,
+        kp: 0.1,
+        ki: 0.7,
+        kd: 0.3,
+        feed_forward: 1.0,
+        limit_m_s: 4.0,
+    };
+    const LAND: GainPoint = GainPoint {
+        density_ratio: 0.0,
+        kp: 0.0,
+        ki: 0.2,
+        kd: 0.0,
+        feed_forward: 0.5,
+        limit_m_s: 1.0,
+    };
+
+    #[test]
+    fn gains_are_interpolated_and_held_beyond_the_ends() {
+        let s = schedule(&[LAND, WATER]);
+        assert_eq!(gains_at(&s, -0.1), LAND);
+        assert_eq!(gains_at(&s, 1.2), WATER);
+        let middle = gains_at(&s, 0.5);
+        assert!((middle.ki - 0.45).abs() < 1e-6 && (middle.limit_m_s - 2.5).abs() < 1e-6);
+    }
+
+    #[test]
+    fn each_term_does_its_part() {
+        let only = |p: GainPoint| {
+            let limit_m_s = 10.0;
+            Cascade::new(schedule(&[GainPoint { density_ratio: 0.0, limit_m_s, ..p }]))
+        };
+        let zero = GainPoint::default();
+        let mut p = only(GainPoint { kp: 0.5, ..zero });
+        assert_eq!(p.update(1.0, 0.0, 0.0), 0.5);
+        let mut i = only(GainPoint { ki: 0.25, ..zero });
+        assert_eq!([i.update(1.0, 0.0, 0.0), i.update(1.0, 0.0, 0.0)], [0.25, 0.5]);
+        let mut d = only(GainPoint { kd: 0.5, ..zero });
+        assert_eq!([d.update(0.0, 1.0, 0.0), d.update(5.0, 2.0, 0.0)], [0.0, -0.5]);
+        let mut ff = only(GainPoint { feed_forward: 2.0, ..zero });
+        assert_eq!(ff.update(1.5, 9.0, 0.0), 3.0);
+    }
+
+    #[test]
+    fn the_integral_does_not_wind_up_behind_the_limit() {
+        let mut cascade = Cascade::new(schedule(&[LAND]));
+        for _ in 0..1000 {
+            assert_eq!(cascade.update(2.0, 0.0, 0.0), 1.0);
+        }
+        // One apex too fast is enough to leave the limit again.
+        assert!(cascade.update(0.0, 1.0, 0.0) < 1.0);
+    }
+
+    proptest! {
+        #[test]
+        fn the_offset_is_always_bounded(
+            steps in prop::collection::vec((-5.0_f32..5.0, -20.0_f32..20.0, 0.0_f32..1.0), 1..60)
+        ) {
+            let s = schedule(&[LAND, WATER]);
+            let mut cascade = Cascade::new(s.clone());
+            for (set_point, vx, rho) in steps {
+                let u = cascade.update(set_point, vx, rho);
+                prop_assert!(u.abs() <= gains_at(&s, rho).limit_m_s);
+            }
+        }
+    }
+}

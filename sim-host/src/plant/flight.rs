@@ -1,0 +1,199 @@
+//! Swimming: the motion between stances, in closed form.
+//!
+//! With the drag per mass `c` and the net gravity `g` (weight less buoyancy, per moving mass)
+//! each axis obeys `v' = -c v |v| - g`. Horizontally `g` is 0 and `v = v0 / (1 + c |v0| t)`;
+//! vertically the solution is a tangent against the net force and a hyperbolic tangent along
+//! it. The textbook forms divide by `c`, or by the terminal speed's reciprocal, and lose all
+//! digits as `c` goes to 0; those below are rearranged so that they turn into the parabola
+//! without a cancellation and without a branch on `c`.
+
+use super::leg::{Leg, REFERENCE_DENSITY_KG_M3};
+use super::medium::Medium;
+
+/// `ln(1 + x) / x`, continued through 0.
+fn ln_1p_over(x: f64) -> f64 {
+    if x.abs() < 1e-16 { 1.0 } else { x.ln_1p() / x }
+}
+
+/// `atan(x) / x`, continued through 0.
+fn atan_over(x: f64) -> f64 {
+    if x.abs() < 1e-8 { 1.0 } else { x.atan() / x }
+}
+
+/// The accelerations of a leg in a medium, apart from the spring's.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Swim {
+    /// Horizontal drag, per moving mass and squared speed.
+    pub(super) drag_x_per_m: f64,
+    /// Vertical drag, per moving mass and squared speed.
+    pub(super) drag_y_per_m: f64,
+    /// Weight less buoyancy, per moving mass; negative where the leg floats.
+    pub(super) net_gravity_m_s2: f64,
+    /// `sqrt(c |g|)`: the rate at which the terminal speed is approached.
+    rate_per_s: f64,
+    /// `sqrt(c / |g|)`: the reciprocal of the terminal speed, 0 where `g` is 0.
+    slowness_s_m: f64,
+}
+
+/// A fall through some height: how long it takes, and the speed at its end.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Drop {
+    pub(super) t_s: f64,
+    pub(super) speed_m_s: f64,
+}
+
+#[allow(dead_code)] // `vertical` is for the tick-level plant, which comes next.
+impl Swim {
+    pub(super) fn new(leg: &Leg, medium: Medium) -> Self {
+        let p = leg.parameters();
+        let density_kg_m3 = REFERENCE_DENSITY_KG_M3 * medium.density_ratio();
+        let moving_mass_kg = p.mass_kg + p.added_mass_kg;
+        let drag = |area_m2: f64, coefficient: f64| {
+            area_m2 * coefficient * density_kg_m3 / (2.0 * moving_mass_kg)
+        };
+        let drag_y_per_m = drag(p.area_y_m2, p.drag_y);
+        let net_gravity_m_s2 =
+            (p.mass_kg - density_kg_m3 * p.volume_m3) * medium.gravity_m_s2() / moving_mass_kg;
+        let magnitude = net_gravity_m_s2.abs();
+        Self {
+            drag_x_per_m: drag(p.area_x_m2, p.drag_x),
+            drag_y_per_m,
+            net_gravity_m_s2,
+            rate_per_s: (drag_y_per_m * magnitude).sqrt(),
+            slowness_s_m: if magnitude > 0.0 {
+                (drag_y_per_m / magnitude).sqrt()
+            } else {
+                0.0
+            },
+        }
+    }
+
+    /// Horizontal way and velocity after `t_s`.
+    pub(super) fn horizontal(&self, vx_m_s: f64, t_s: f64) -> (f64, f64) {
+        let z = self.drag_x_per_m * vx_m_s.abs() * t_s;
+        (vx_m_s * t_s * ln_1p_over(z), vx_m_s / (1.0 + z))
+    }
+
+    /// Time and height from a rising start to the apex; `None` where no apex comes.
+    pub(super) fn climb(&self, vy_m_s: f64) -> Option<(f64, f64)> {
+        let g = self.net_gravity_m_s2;
+        if g <= 0.0 {
+            return None;
+        }
+        let z = vy_m_s * self.slowness_s_m;
+        let t_s = vy_m_s / g * atan_over(z);
+        let height_m = vy_m_s * vy_m_s / (2.0 * g) * ln_1p_over(z * z);
+        Some((t_s, height_m))
+    }
+
+    /// The fall through `height_m >= 0` that starts downwards at `speed_m_s >= 0`; `None` if
+    /// the body never gets there.
+    ///
+    /// The squared speed relaxes exponentially with the height; the time follows from
+    /// `atanh a - atanh b = atanh((a - b) / (1 - a b))`, in which the difference to the
+    /// terminal speed cancels analytically.
+    pub(super) fn drop(&self, speed_m_s: f64, height_m: f64) -> Option<Drop> {
+        let (c, g) = (self.drag_y_per_m, self.net_gravity_m_s2);
+        let exponent = 2.0 * c * height_m;
+        let lost = -(-exponent).exp_m1();
+        let kept = 1.0 - lost;
+        // (1 - exp(-2 c h)) / c, continued to 2 h at c = 0.
+        let twice_height_m = if exponent < 1e-16 {
+            2.0 * height_m
+        } else {
+            lost / c
+        };
+        let squared = speed_m_s * speed_m_s * kept + g * twice_height_m;
+        if squared < 0.0 || (squared == 0.0 && height_m > 0.0) {
+            return None;
+        }
+        let end_m_s = squared.sqrt();
+        if height_m == 0.0 {
+            return Some(Drop {
+                t_s: 0.0,
+                speed_m_s,
+            });
+        }
+        let mean_s = twice_height_m / (speed_m_s + end_m_s);
+        let t_s = if g > 0.0 {
+            let beta = self.slowness_s_m;
+            let scaled_s = mean_s * (1.0 + beta * end_m_s) / (1.0 + beta * speed_m_s);
+            if exponent < 40.0 {
+                let scaled_s = scaled_s / kept;
+                scaled_s * ln_1p_over(2.0 * self.rate_per_s * scaled_s)
+            } else {
+                // The same to the last bit, before `kept` underflows.
+                let twice_rate_per_s = 2.0 * self.rate_per_s;
+                (exponent + (twice_rate_per_s * scaled_s).ln()) / twice_rate_per_s
+            }
+        } else {
+            let scaled_s = mean_s / (1.0 - c * speed_m_s * mean_s);
+            scaled_s * atan_over(self.rate_per_s * scaled_s)
+        };
+        Some(Drop {
+            t_s,
+            speed_m_s: end_m_s,
+        })
+    }
+
+    /// Vertical way (upwards) and velocity after `t_s`.
+    pub(super) fn vertical(&self, vy_m_s: f64, t_s: f64) -> (f64, f64) {
+        // Looked at along the net force, every motion is a rise followed by a fall.
+        let up = if self.net_gravity_m_s2 < 0.0 {
+            -1.0
+        } else {
+            1.0
+        };
+        let (g, v) = (self.net_gravity_m_s2.abs(), up * vy_m_s);
+        let (way_m, velocity_m_s) = if v <= 0.0 {
+            self.sink(g, v, t_s)
+        } else {
+            let climb_s = if g > 0.0 {
+                v / g * atan_over(v * self.slowness_s_m)
+            } else {
+                f64::INFINITY
+            };
+            if t_s <= climb_s {
+                self.rise(g, v, t_s)
+            } else {
+                let z = v * self.slowness_s_m;
+                let (drop_m, velocity_m_s) = self.sink(g, 0.0, t_s - climb_s);
+                (v * v / (2.0 * g) * ln_1p_over(z * z) + drop_m, velocity_m_s)
+            }
+        };
+        (up * way_m, up * velocity_m_s)
+    }
+
+    /// Motion against the net force, at most up to its turning point.
+    fn rise(&self, g: f64, v: f64, t_s: f64) -> (f64, f64) {
+        let c = self.drag_y_per_m;
+        let angle = self.rate_per_s * t_s;
+        let tan_s = if angle < 1e-8 {
+            t_s
+        } else {
+            angle.tan() / self.rate_per_s
+        };
+        let way_m = v * tan_s * ln_1p_over(c * v * tan_s)
+            - 0.5 * g * tan_s * tan_s * ln_1p_over(c * g * tan_s * tan_s);
+        (way_m, (v - g * tan_s) / (1.0 + c * v * tan_s))
+    }
+
+    /// Motion along the net force, `v <= 0`.
+    fn sink(&self, g: f64, v: f64, t_s: f64) -> (f64, f64) {
+        let c = self.drag_y_per_m;
+        let angle = self.rate_per_s * t_s;
+        let tanh_s = if angle < 1e-8 {
+            t_s
+        } else {
+            angle.tanh() / self.rate_per_s
+        };
+        // ln(cosh(angle)) / c; beyond 1 the first form would lose digits in 1 - tanh^2.
+        let from_rest_m = if angle < 1.0 {
+            0.5 * g * tanh_s * tanh_s * ln_1p_over(-c * g * tanh_s * tanh_s)
+        } else {
+            (angle + (-2.0 * angle).exp().ln_1p() - std::f64::consts::LN_2) / c
+        };
+        let way_m = v * tanh_s * ln_1p_over(-c * v * tanh_s) - from_rest_m;
+        (way_m, (v - g * tanh_s) / (1.0 - c * v * tanh_s))
+    }
+}

@@ -1,0 +1,202 @@
+//! The leg: what it weighs, how stiff it is, how it drags.
+
+use serde::{Deserialize, Serialize};
+
+/// Density of the reference fluid, fresh water: a medium's density ratio counts from it.
+pub const REFERENCE_DENSITY_KG_M3: f64 = 1000.0;
+
+/// Standard gravity on Earth, as the source rounds it.
+pub const EARTH_GRAVITY_M_S2: f64 = 9.81;
+
+/// Parameters of a leg, unchecked; [`Leg::new`] checks them.
+///
+/// A point mass rides on a massless telescopic leg with a spring in series; an actuator
+/// lengthens the spring's rest length during stance.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LegParameters {
+    /// Dry mass; above 0.
+    pub mass_kg: f64,
+    /// Mass of the fluid that moves along, the same in every medium; 0 or more.
+    pub added_mass_kg: f64,
+    /// Spring stiffness; above 0.
+    pub stiffness_n_m: f64,
+    /// Displaced volume, which gives the buoyancy; 0 or more.
+    pub volume_m3: f64,
+    /// Rest length of the leg at touchdown; above 0.
+    pub rest_length_m: f64,
+    /// Most that the actuator adds to the rest length; 0 or more.
+    pub max_elongation_m: f64,
+    /// Frontal area seen by a horizontal flow; 0 or more.
+    pub area_x_m2: f64,
+    /// Frontal area seen by a vertical flow; 0 or more.
+    pub area_y_m2: f64,
+    /// Drag coefficient of the horizontal motion; 0 or more.
+    pub drag_x: f64,
+    /// Drag coefficient of the vertical motion; 0 or more.
+    pub drag_y: f64,
+}
+
+/// A leg whose parameters have been checked: finite, positive where division needs it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "LegParameters", into = "LegParameters")]
+pub struct Leg(LegParameters);
+
+/// A parameter outside what the physics allows.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ParameterError {
+    /// Not finite, or not above zero.
+    #[error("{name} is {value}; it must be a finite number above 0")]
+    NotPositive {
+        /// The parameter, with its unit.
+        name: &'static str,
+        /// What it was set to.
+        value: f64,
+    },
+    /// Not finite, or below zero.
+    #[error("{name} is {value}; it must be a finite number, 0 or more")]
+    Negative {
+        /// The parameter, with its unit.
+        name: &'static str,
+        /// What it was set to.
+        value: f64,
+    },
+}
+
+/// Passes finite values above zero.
+pub(super) fn positive(name: &'static str, value: f64) -> Result<(), ParameterError> {
+    if value.is_finite() && value > 0.0 {
+        Ok(())
+    } else {
+        Err(ParameterError::NotPositive { name, value })
+    }
+}
+
+/// Passes finite values from zero up.
+pub(super) fn not_negative(name: &'static str, value: f64) -> Result<(), ParameterError> {
+    if value.is_finite() && value >= 0.0 {
+        Ok(())
+    } else {
+        Err(ParameterError::Negative { name, value })
+    }
+}
+
+impl Leg {
+    /// Checks the parameters.
+    ///
+    /// # Errors
+    /// The first parameter that is not finite or out of the range its documentation states.
+    pub fn new(parameters: LegParameters) -> Result<Self, ParameterError> {
+        let p = &parameters;
+        positive("mass_kg", p.mass_kg)?;
+        not_negative("added_mass_kg", p.added_mass_kg)?;
+        positive("stiffness_n_m", p.stiffness_n_m)?;
+        not_negative("volume_m3", p.volume_m3)?;
+        positive("rest_length_m", p.rest_length_m)?;
+        not_negative("max_elongation_m", p.max_elongation_m)?;
+        not_negative("area_x_m2", p.area_x_m2)?;
+        not_negative("area_y_m2", p.area_y_m2)?;
+        not_negative("drag_x", p.drag_x)?;
+        not_negative("drag_y", p.drag_y)?;
+        Ok(Self(parameters))
+    }
+
+    /// The human-size leg of "Learning to stop" and its data (doi 10.5281/zenodo.4607469).
+    #[must_use]
+    pub const fn human() -> Self {
+        Self(LegParameters {
+            mass_kg: 80.0,
+            added_mass_kg: 8.0,
+            stiffness_n_m: 20_000.0,
+            volume_m3: 0.0624,
+            rest_length_m: 1.0,
+            max_elongation_m: 0.2,
+            area_x_m2: 0.1925,
+            area_y_m2: 0.105,
+            drag_x: 1.05,
+            drag_y: 1.05,
+        })
+    }
+
+    /// The crab-size leg of the same source: it displaces nine tenths of its weight in water.
+    #[must_use]
+    pub const fn crab() -> Self {
+        const MASS_KG: f64 = 0.074;
+        const VOLUME_M3: f64 = (MASS_KG - MASS_KG / 10.0) / REFERENCE_DENSITY_KG_M3;
+        const REST_LENGTH_M: f64 = 0.04;
+        const SHELL_RADIUS_M: f64 = 0.054 / 2.0;
+        Self(LegParameters {
+            mass_kg: MASS_KG,
+            added_mass_kg: 0.48 * REFERENCE_DENSITY_KG_M3 * VOLUME_M3,
+            stiffness_n_m: 7.8 * MASS_KG * EARTH_GRAVITY_M_S2 / REST_LENGTH_M,
+            volume_m3: VOLUME_M3,
+            rest_length_m: REST_LENGTH_M,
+            max_elongation_m: 0.005,
+            area_x_m2: 4e-4,
+            area_y_m2: std::f64::consts::PI * SHELL_RADIUS_M * SHELL_RADIUS_M,
+            drag_x: 0.47,
+            drag_y: 1.0,
+        })
+    }
+
+    /// The parameters, all of them valid.
+    #[must_use]
+    pub const fn parameters(&self) -> &LegParameters {
+        &self.0
+    }
+}
+
+impl Default for Leg {
+    fn default() -> Self {
+        Self::human()
+    }
+}
+
+impl TryFrom<LegParameters> for Leg {
+    type Error = ParameterError;
+
+    fn try_from(parameters: LegParameters) -> Result<Self, ParameterError> {
+        Self::new(parameters)
+    }
+}
+
+impl From<Leg> for LegParameters {
+    fn from(leg: Leg) -> Self {
+        leg.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn presets_are_valid() {
+        for leg in [Leg::human(), Leg::crab()] {
+            assert_eq!(Leg::new(*leg.parameters()), Ok(leg));
+        }
+    }
+
+    #[test]
+    fn names_the_bad_parameter_and_its_value() {
+        let mut parameters = *Leg::human().parameters();
+        parameters.stiffness_n_m = -1.0;
+        let error = Leg::new(parameters).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "stiffness_n_m is -1; it must be a finite number above 0"
+        );
+        parameters = *Leg::human().parameters();
+        parameters.volume_m3 = f64::NAN;
+        assert!(Leg::new(parameters).is_err());
+    }
+
+    #[test]
+    fn unknown_keys_are_errors() {
+        let json = serde_json::to_string(&Leg::crab()).unwrap();
+        assert_eq!(serde_json::from_str::<Leg>(&json).unwrap(), Leg::crab());
+        let typo = json.replace("drag_y", "drag_z");
+        assert!(serde_json::from_str::<Leg>(&typo).is_err());
+    }
+}

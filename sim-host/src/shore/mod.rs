@@ -1,0 +1,4 @@
+//! The main job: out of the sea, over the shore, onto land.
+
+pub mod picture;
+pub mod track;
