@@ -71,7 +71,7 @@ fn echo(domain: &str) -> Result<(), Box<dyn std::error::Error>> {
     loop {
         match link.receive(TIMEOUT) {
             Ok(Some(sample)) => {
-                link.send(&Command { header: sample.header, ..Command::default() })?
+                link.send(&Command { header: sample.header, ..Command::default() })?;
             }
             Ok(None) => return Err("no sample".into()),
             Err(LinkError::PeerLeft { .. }) => return Ok(()),

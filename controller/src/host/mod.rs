@@ -9,11 +9,13 @@
 //! plays one [`card::Role`].
 
 pub mod card;
+pub mod cli;
 pub mod conformance;
 pub mod domain;
 pub mod link;
 pub mod memory;
 mod payload;
+pub mod serve;
 pub mod shm;
 pub mod stop;
 mod wait;

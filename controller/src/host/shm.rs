@@ -322,6 +322,10 @@ impl<Out: Message, In: Message> Link for ShmLink<Out, In> {
     type Receives = In;
 
     fn send(&mut self, message: &Out) -> Result<(), LinkError> {
+        // Here, because a peer that always answers at once leaves no idle moment to look.
+        if self.stop.is_raised() {
+            return Err(LinkError::Stopped);
+        }
         match self.publisher.send_copy(*message) {
             Ok(_) => Ok(()),
             Err(cause) => {
