@@ -227,6 +227,9 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
         loop {
             if let Some(pid) = Self::agree(&self.domain, self.terms)?
                 && self.peer_has_ports()
+                // A publisher is mapped only by a look at its queue. Look now: what a peer sends
+                // before it is mapped is lost if it leaves before the first receive.
+                && self.subscriber.has_samples().is_ok()
             {
                 self.peer_pid.set(pid);
                 return Ok(self);
