@@ -2,10 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::elongation::Elongation;
 use super::flight::Swim;
 use super::leg::Leg;
 use super::medium::Medium;
-use super::stance::{Elongation, StanceEnd, punt};
+use super::stance::{StanceEnd, punt};
 use super::taylor::{Field, State};
 
 /// A swim that takes longer than this counts as a fall.
@@ -38,7 +39,7 @@ pub struct Action {
 /// Local error of the stance integrator: what a step may leave out of a velocity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tolerance {
-    velocity_m_s: f64,
+    pub(super) velocity_m_s: f64,
 }
 
 impl Tolerance {
@@ -174,6 +175,7 @@ impl Hopper {
         let elongation = Elongation {
             rest_length_m: self.rest_length_m,
             max_m: self.max_elongation_m,
+            start_m: 0.0,
             rate_m_s: action.rs_m_s.max(0.0),
         };
         let (mut t_s, mut x_m, mut y_m) = (0.0, 0.0, start.y_m);

@@ -1,5 +1,7 @@
 //! Taylor series of the stance, by recurrence.
 
+use super::elongation::Ramp;
+
 /// Accelerations in stance, per moving mass.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Field {
@@ -16,13 +18,6 @@ pub(super) struct Field {
 pub(super) struct State {
     pub(super) place_m: [f64; 2],
     pub(super) velocity_m_s: [f64; 2],
-}
-
-/// The rest length of the spring as it runs: `length + rate * t`.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Ramp {
-    pub(super) length_m: f64,
-    pub(super) rate_m_s: f64,
 }
 
 /// Coefficients of a stance around one instant, powers of the time in seconds.
@@ -109,7 +104,7 @@ impl<const N: usize> Jet<N> {
 
     /// The state `t_s` later.
     pub(super) fn at(&self, t_s: f64) -> State {
-        use super::polynomial::value;
+        use super::roots::value;
         State {
             place_m: [value(&self.x, t_s), value(&self.y, t_s)],
             velocity_m_s: [value(&self.vx, t_s), value(&self.vy, t_s)],

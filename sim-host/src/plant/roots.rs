@@ -92,3 +92,65 @@ pub(super) fn bracketed_root(
     }
     t
 }
+
+/// The root in `[a, b]` of a continuous function that is above 0 at `a` and not at `b`: false
+/// position in the Illinois variant, with a bisection whenever it stalls.
+pub(super) fn falling_root(f: impl Fn(f64) -> f64, mut a: f64, mut b: f64) -> f64 {
+    let (mut at_a, mut at_b) = (f(a), f(b));
+    if at_a <= 0.0 {
+        return a;
+    }
+    for round in 0..200 {
+        let width = b - a;
+        if at_b == 0.0 || width <= 2.0 * f64::EPSILON * b.abs() {
+            break;
+        }
+        let secant = b - at_b * width / (at_b - at_a);
+        let t = if round % 8 == 7 || !(secant > a && secant < b) {
+            a + 0.5 * width
+        } else {
+            secant
+        };
+        if t <= a || t >= b {
+            break;
+        }
+        let at_t = f(t);
+        if at_t > 0.0 {
+            (a, at_a) = (t, at_t);
+            at_b *= 0.5;
+        } else {
+            (b, at_b) = (t, at_t);
+            at_a *= 0.5;
+        }
+    }
+    b
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn finds_the_first_of_several_roots() {
+        // (t - 0.3)(t - 0.35)(t - 0.9)
+        let p = [-0.0945, 0.69, -1.55, 1.0];
+        assert!((first_root(&p, 1.0).unwrap() - 0.3).abs() < 1e-14);
+        // The pair alone changes no sign at any sample of [0, 0.8].
+        assert!((first_root(&p, 0.8).unwrap() - 0.3).abs() < 1e-14);
+        assert_eq!(first_root(&p, 0.29), None);
+    }
+
+    #[test]
+    fn a_root_at_the_start_has_been() {
+        assert_eq!(first_root(&[0.0, 1.0, 0.1], 5.0), None);
+        assert_eq!(first_root(&[0.0, 1.0, -0.5], 5.0), Some(2.0));
+        assert_eq!(first_root(&[0.0, 0.0], 5.0), None);
+    }
+
+    #[test]
+    fn falling_roots_are_found_to_the_last_bits() {
+        let root = falling_root(|t| 2.0 - t * t * t, 0.0, 10.0);
+        assert!((root - 2f64.cbrt()).abs() < 1e-15);
+        assert_eq!(falling_root(|_| -1.0, 0.5, 1.0), 0.5);
+    }
+}
