@@ -20,6 +20,8 @@ use crate::policy::{ParseError, Policy};
 
 /// Longest patience that `--timeout` accepts, s.
 const MAX_TIMEOUT_S: f64 = 86_400.0;
+/// A peer that is not there by then is worth a word.
+pub const SAY_AFTER: Duration = Duration::from_secs(1);
 /// A blob has at most four layers 128 wide: a file beyond this is something else.
 const MAX_BLOB_BYTES: u64 = 1 << 20;
 
@@ -180,7 +182,15 @@ pub fn run(args: &Args) -> Result<Summary, CliError> {
     let stop = Stop::on_signals().map_err(CliError::Signals)?;
     let Meeting { domain, timeout } = &args.meeting;
     let domain = Domain::join(domain)?;
-    let mut link = ShmController::connect(&domain, Terms::at(args.rate), *timeout, &stop)?;
+    let terms = Terms::at(args.rate);
+    let mut said = false;
+    let mut link = ShmController::connect_watching(&domain, terms, *timeout, &stop, |missing| {
+        if !said && missing.waited >= SAY_AFTER {
+            said = true;
+            eprintln!("{}: {missing}; still waiting", Role::Controller);
+        }
+        true
+    })?;
 
     let mut apexes = 0;
     let ticks = serve(&mut link, *timeout, |sample| {

@@ -9,7 +9,7 @@
 //! for what it does when the peer is slow.
 
 use std::cell::Cell;
-use std::fmt::Display;
+use std::fmt::{self, Display};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -45,25 +45,38 @@ const SETTLE: Duration = Duration::from_secs(2);
 const WIRE_VERSION_KEY: &str = "wire-version";
 const RATE_KEY: &str = "rate-hz";
 
+/// The peer that has not come, and how to start it.
+#[derive(Clone, Debug)]
+pub struct Missing {
+    /// Who.
+    pub peer: Role,
+    /// Where.
+    pub domain: String,
+    /// Waited for until now.
+    pub waited: Duration,
+    /// The rate that it has to have, Hz.
+    pub rate_hz: u32,
+}
+
+impl fmt::Display for Missing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { peer, domain, waited, rate_hz } = self;
+        write!(
+            f,
+            "no {peer} in domain `{domain}` after {:.1} s; start one with `{} --domain {domain} --rate {rate_hz}`",
+            waited.as_secs_f64(),
+            peer.start_hint()
+        )
+    }
+}
+
 /// Why two processes did not come together.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ConnectError {
     /// No peer in time.
-    #[error(
-        "no {peer} in domain `{domain}` after {waited:.1} s; start one with `{hint} --domain {domain} --rate {rate_hz}`, or wait longer with --timeout",
-        hint = peer.start_hint()
-    )]
-    PeerMissing {
-        /// Who is missing.
-        peer: Role,
-        /// Where.
-        domain: String,
-        /// For how long, s.
-        waited: f64,
-        /// The rate that it would have to have, Hz.
-        rate_hz: u32,
-    },
+    #[error("{0}; --timeout sets how long to wait")]
+    PeerMissing(Missing),
     /// The role is taken.
     #[error(
         "a {role} is already running in domain `{domain}`{}; end it, or choose another --domain for both sides",
@@ -160,7 +173,22 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
         timeout: Duration,
         stop: &Stop,
     ) -> Result<Self, ConnectError> {
-        Self::open(domain, terms, stop)?.wait_for_peer(timeout)
+        Self::connect_watching(domain, terms, timeout, stop, |_| true)
+    }
+
+    /// As [`ShmLink::connect`]; while it waits it shows `watch`, every few
+    /// milliseconds, what is missing, and gives up when that says `false`.
+    ///
+    /// # Errors
+    /// As [`ShmLink::connect`].
+    pub fn connect_watching(
+        domain: &Arc<Domain>,
+        terms: Terms,
+        timeout: Duration,
+        stop: &Stop,
+        watch: impl FnMut(&Missing) -> bool,
+    ) -> Result<Self, ConnectError> {
+        Self::open(domain, terms, stop)?.wait_for_peer(timeout, watch)
     }
 
     /// Takes the role and makes the ports.
@@ -222,7 +250,11 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
         })
     }
 
-    fn wait_for_peer(self, timeout: Duration) -> Result<Self, ConnectError> {
+    fn wait_for_peer(
+        self,
+        timeout: Duration,
+        mut watch: impl FnMut(&Missing) -> bool,
+    ) -> Result<Self, ConnectError> {
         let start = Instant::now();
         loop {
             if let Some(pid) = Self::agree(&self.domain, self.terms)?
@@ -238,13 +270,14 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
                 return Err(ConnectError::Stopped(In::SENDER));
             }
             let waited = start.elapsed();
-            if waited >= timeout {
-                return Err(ConnectError::PeerMissing {
-                    peer: In::SENDER,
-                    domain: self.domain.name().to_owned(),
-                    waited: waited.as_secs_f64(),
-                    rate_hz: self.terms.rate_hz,
-                });
+            let missing = Missing {
+                peer: In::SENDER,
+                domain: self.domain.name().to_owned(),
+                waited,
+                rate_hz: self.terms.rate_hz,
+            };
+            if waited >= timeout || !watch(&missing) {
+                return Err(ConnectError::PeerMissing(missing));
             }
             std::thread::sleep(LOOK.min(timeout.saturating_sub(waited)));
         }
