@@ -4,26 +4,23 @@
 //! change (a bad blob, a bad rate), 1 for anything else.
 
 use std::fmt;
-use std::fs::File;
-use std::io::{self, Read};
-use std::path::{Path, PathBuf};
+use std::io;
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
+use super::blob::{BlobError, PolicyBlob};
 use super::domain::{DEFAULT_DOMAIN, Domain, DomainError};
 use super::serve::{ServeError, serve};
 use super::shm::{ConnectError, ShmController};
 use super::{Role, Stop, Terms};
 use crate::control::{Config, ConfigError, Controller};
 use crate::guard::Counts;
-use crate::policy::{ParseError, Policy};
 
 /// Longest patience that `--timeout` accepts, s.
 const MAX_TIMEOUT_S: f64 = 86_400.0;
 /// A peer that is not there by then is worth a word.
 pub const SAY_AFTER: Duration = Duration::from_secs(1);
-/// A blob has at most four layers 128 wide: a file beyond this is something else.
-const MAX_BLOB_BYTES: u64 = 1 << 20;
 
 /// Runs a policy on a leg: a command for every sample, in lock-step.
 #[derive(Clone, Debug, clap::Args)]
@@ -45,12 +42,20 @@ pub struct Args {
 /// Where two processes meet, and how long one waits for the other.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Meeting {
-    /// Only processes of the same domain see each other.
-    #[arg(long, value_name = "NAME", default_value = DEFAULT_DOMAIN)]
-    pub domain: String,
+    /// Only processes of the same domain see each other [default: default].
+    #[arg(long, value_name = "NAME")]
+    pub domain: Option<String>,
     /// How long to wait for a missing or silent peer, s.
     #[arg(long, value_name = "S", default_value = "10", value_parser = parse_timeout)]
     pub timeout: Duration,
+}
+
+impl Meeting {
+    /// The domain to meet in.
+    #[must_use]
+    pub fn domain(&self) -> &str {
+        self.domain.as_deref().unwrap_or(DEFAULT_DOMAIN)
+    }
 }
 
 /// Reads a waiting time in seconds.
@@ -68,22 +73,9 @@ fn parse_timeout(text: &str) -> Result<Duration, String> {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CliError {
-    /// The policy file cannot be read.
-    #[error("cannot read the policy {}: {cause}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// What the system says.
-        cause: io::Error,
-    },
-    /// The file is no policy blob.
-    #[error("{} is not a policy to run: {cause}", path.display())]
-    Policy {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        cause: ParseError,
-    },
+    /// There is no policy to run.
+    #[error(transparent)]
+    Policy(#[from] BlobError),
     /// A rate or gravity out of range.
     #[error(transparent)]
     Config(#[from] ConfigError),
@@ -103,8 +95,7 @@ impl CliError {
     fn is_misuse(&self) -> bool {
         matches!(
             self,
-            Self::Read { .. }
-                | Self::Policy { .. }
+            Self::Policy(_)
                 | Self::Config(_)
                 | Self::Connect(ConnectError::Domain(DomainError::Name(_)))
         )
@@ -145,46 +136,23 @@ impl fmt::Display for Summary {
     }
 }
 
-/// A policy file in memory, where its weights can be read in place.
-#[derive(Debug)]
-struct Blob {
-    words: Vec<u32>,
-    len: usize,
-}
-
-impl Blob {
-    fn read(path: &Path) -> io::Result<Self> {
-        let mut bytes = Vec::new();
-        File::open(path)?.take(MAX_BLOB_BYTES + 1).read_to_end(&mut bytes)?;
-        let mut words = vec![0_u32; bytes.len().div_ceil(4)];
-        bytemuck::cast_slice_mut(&mut words)[..bytes.len()].copy_from_slice(&bytes);
-        Ok(Self { words, len: bytes.len() })
-    }
-
-    fn bytes(&self) -> &[u8] {
-        &bytemuck::cast_slice(&self.words)[..self.len]
-    }
-}
-
 /// Runs the controller until the simulator's run is over.
 ///
 /// # Errors
 /// [`CliError`], with what to do about it.
 pub fn run(args: &Args) -> Result<Summary, CliError> {
-    let path = || args.policy.clone();
     let config = Config::at_rate(args.rate)?.with_gravity(args.gravity)?;
-    let blob = Blob::read(&args.policy).map_err(|cause| CliError::Read { path: path(), cause })?;
-    let policy =
-        Policy::parse(blob.bytes()).map_err(|cause| CliError::Policy { path: path(), cause })?;
+    let blob = PolicyBlob::read(&args.policy)?;
+    let policy = blob.policy()?;
     let name = policy.manifest().name.to_owned();
     let mut controller = Controller::new(policy, config);
 
     let stop = Stop::on_signals().map_err(CliError::Signals)?;
-    let Meeting { domain, timeout } = &args.meeting;
-    let domain = Domain::join(domain)?;
+    let timeout = args.meeting.timeout;
+    let domain = Domain::join(args.meeting.domain())?;
     let terms = Terms::at(args.rate);
     let mut said = false;
-    let mut link = ShmController::connect_watching(&domain, terms, *timeout, &stop, |missing| {
+    let mut link = ShmController::connect_watching(&domain, terms, timeout, &stop, |missing| {
         if !said && missing.waited >= SAY_AFTER {
             said = true;
             eprintln!("{}: {missing}; still waiting", Role::Controller);
@@ -193,7 +161,7 @@ pub fn run(args: &Args) -> Result<Summary, CliError> {
     })?;
 
     let mut apexes = 0;
-    let ticks = serve(&mut link, *timeout, |sample| {
+    let ticks = serve(&mut link, timeout, |sample| {
         let command = controller.tick(Some(sample));
         apexes = command.apexes;
         command

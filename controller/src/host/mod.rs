@@ -8,6 +8,7 @@
 //! Two processes find each other by the name of a [`domain`], in which each
 //! plays one [`card::Role`].
 
+pub mod blob;
 pub mod card;
 pub mod cli;
 pub mod conformance;
