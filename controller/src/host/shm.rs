@@ -8,11 +8,11 @@
 //! any blocking wait of the system costs thirty to forty. See [`super::wait`]
 //! for what it does when the peer is slow.
 
-use std::cell::Cell;
 use std::fmt::{self, Display};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use iceoryx2::identifiers::{UniqueNodeId, UniquePublisherId};
 use iceoryx2::node::NodeBuilder;
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
 use iceoryx2::port::subscriber::Subscriber;
@@ -134,6 +134,14 @@ fn by(pid: Option<u32>) -> String {
     pid.map_or_else(String::new, |pid| format!(" (process {pid})"))
 }
 
+/// Who this end is connected to: that process and no other, for its successor
+/// knows nothing of the run.
+#[derive(Clone, Copy, Debug, Default)]
+struct Peer {
+    pid: u32,
+    publisher: Option<UniquePublisherId>,
+}
+
 type Service<T> = PortFactory<ipc::Service, T, ()>;
 
 /// One end of a link, between processes.
@@ -150,7 +158,7 @@ pub struct ShmLink<Out: Message, In: Message> {
     _role: Held,
     domain: Arc<Domain>,
     terms: Terms,
-    peer_pid: Cell<u32>,
+    peer: Peer,
     stop: Stop,
     waiter: Waiter,
 }
@@ -244,26 +252,26 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
             _role: role,
             domain: Arc::clone(domain),
             terms,
-            peer_pid: Cell::new(0),
+            peer: Peer::default(),
             stop: stop.clone(),
             waiter: Waiter::new(),
         })
     }
 
     fn wait_for_peer(
-        self,
+        mut self,
         timeout: Duration,
         mut watch: impl FnMut(&Missing) -> bool,
     ) -> Result<Self, ConnectError> {
         let start = Instant::now();
         loop {
             if let Some(pid) = Self::agree(&self.domain, self.terms)?
-                && self.peer_has_ports()
+                && let Some(peer) = self.ports_of(pid)
                 // A publisher is mapped only by a look at its queue. Look now: what a peer sends
                 // before it is mapped is lost if it leaves before the first receive.
                 && self.subscriber.has_samples().is_ok()
             {
-                self.peer_pid.set(pid);
+                self.peer = peer;
                 return Ok(self);
             }
             if self.stop.is_raised() {
@@ -306,20 +314,30 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
         })
     }
 
-    fn peer_has_ports(&self) -> bool {
-        let peer = In::SENDER.as_str();
+    /// The peer, once both its ports are there. (A killed predecessor's may be, too.)
+    fn ports_of(&self, pid: u32) -> Option<Peer> {
+        let is_peer = |node: UniqueNodeId| {
+            node.pid::<ipc::Service>().is_ok_and(|id| u32::try_from(id.value()) == Ok(pid))
+        };
         let mut reads = false;
         self.outgoing.dynamic_config().list_subscribers(|port| {
-            reads |= port.subscriber_name == peer;
+            reads |= port.subscriber_name == In::SENDER.as_str() && is_peer(port.node_id);
             CallbackProgression::Continue
         });
-        reads && self.incoming.dynamic_config().number_of_publishers() > 0
+        let mut publisher = None;
+        self.incoming.dynamic_config().list_publishers(|port| {
+            if is_peer(port.node_id) {
+                publisher = Some(port.publisher_id);
+            }
+            CallbackProgression::Continue
+        });
+        (reads && publisher.is_some()).then_some(Peer { pid, publisher })
     }
 
     /// The peer's process.
     #[must_use]
     pub fn peer_pid(&self) -> u32 {
-        self.peer_pid.get()
+        self.peer.pid
     }
 
     /// Off the control path: whether the peer this end is connected to is still there.
@@ -327,7 +345,7 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
         if self.stop.is_raised() {
             return Err(LinkError::Stopped);
         }
-        let (role, pid) = (In::SENDER, self.peer_pid.get());
+        let (role, pid) = (In::SENDER, self.peer.pid);
         let seen = card::presence(&self.domain, role)
             .map_err(|cause| broken("look whether the peer lives", &cause))?;
         match seen {
@@ -343,7 +361,12 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
 
     fn poll(&self) -> Result<Option<In>, LinkError> {
         match self.subscriber.receive() {
-            Ok(message) => Ok(message.map(|message| *message)),
+            Ok(None) => Ok(None),
+            Ok(Some(message)) if Some(message.origin()) == self.peer.publisher => {
+                Ok(Some(*message))
+            }
+            // The peer's successor: what it says is not about this run.
+            Ok(Some(_)) => self.check_peer().map(|()| None),
             // A peer that dies while it connects shows as a failure here.
             Err(cause) => {
                 self.check_peer()?;
