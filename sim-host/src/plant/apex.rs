@@ -6,6 +6,7 @@ use super::elongation::Elongation;
 use super::flight::Swim;
 use super::leg::Leg;
 use super::medium::Medium;
+use super::pair::Pair;
 use super::stance::{StanceEnd, punt};
 use super::taylor::{Field, State};
 
@@ -200,8 +201,8 @@ impl Hopper {
                 hop.touchdown = Some(Touchdown { t_s, x_foot_m });
             }
             let touchdown = State {
-                place_m: reach_m,
-                velocity_m_s: [touchdown_vx_m_s, -drop.speed_m_s],
+                place_m: Pair(reach_m),
+                velocity_m_s: Pair([touchdown_vx_m_s, -drop.speed_m_s]),
             };
             let end = punt(
                 &self.field,
@@ -269,7 +270,7 @@ impl Field {
         let p = leg.parameters();
         Self {
             spring_per_s2: p.stiffness_n_m / (p.mass_kg + p.added_mass_kg),
-            drag_per_m: [swim.drag_x_per_m, swim.drag_y_per_m],
+            drag_per_m: Pair([swim.drag_x_per_m, swim.drag_y_per_m]),
             net_gravity_m_s2: swim.net_gravity_m_s2,
         }
     }

@@ -6,6 +6,7 @@ mod flight;
 mod ground;
 mod leg;
 mod medium;
+mod pair;
 mod roots;
 mod stance;
 mod taylor;

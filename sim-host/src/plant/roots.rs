@@ -1,94 +1,91 @@
-//! Taylor polynomials of one step, and their roots: how events are found.
+//! Finding the moment at which something happens.
 
-/// Value at `t` of the polynomial whose coefficients rise with the power.
-pub(super) fn value(p: &[f64], t: f64) -> f64 {
-    p.iter().rev().fold(0.0, |sum, &c| sum * t + c)
-}
+/// Value and slope of a function at one place.
+pub(super) type Edge = (f64, f64);
 
-/// Value and slope at `t`.
-pub(super) fn value_and_slope(p: &[f64], t: f64) -> (f64, f64) {
-    p.iter().rev().fold((0.0, 0.0), |(sum, slope), &c| {
-        (sum * t + c, slope * t + sum)
-    })
-}
-
-/// Sub-intervals that are looked at when a root cannot be excluded at once.
-const SAMPLES: usize = 8;
-
-/// Where the polynomial first changes its sign in `(0, end]`.
+/// Where a smooth function that is known at 0 and at `width` first changes its sign in between.
 ///
-/// A polynomial that starts at exactly 0 has just had its event: that root is divided out.
-/// What cannot be excluded by the size of the coefficients is sampled; between samples of
-/// one sign a pair of roots is looked for at the extremum, where the slopes betray one.
-pub(super) fn first_root(p: &[f64], end: f64) -> Option<f64> {
-    let mut p = p;
-    while let [0.0, rest @ ..] = p {
-        p = rest;
-    }
-    let (&first, rest) = p.split_first()?;
-    let swing = rest.iter().rev().fold(0.0, |sum, &c| (sum + c.abs()) * end);
-    if first.abs() > swing {
+/// A function that starts at exactly 0 has just had its event: what counts then is the sign
+/// that it takes. Two crossings within the width cancel in the signs at its ends; they are
+/// found where the slopes at the ends betray an extremum in between.
+pub(super) fn first_crossing(
+    start: Edge,
+    end: Edge,
+    width: f64,
+    f: impl Fn(f64) -> Edge,
+) -> Option<f64> {
+    let sense = if start.0 == 0.0 { start.1 } else { start.0 };
+    if sense == 0.0 {
         return None;
     }
-    let step = end / SAMPLES as f64;
-    let (mut a, mut at_a) = (0.0, value_and_slope(p, 0.0));
-    for i in 1..=SAMPLES {
-        let b = if i == SAMPLES { end } else { i as f64 * step };
-        let at_b = value_and_slope(p, b);
-        if first * at_b.0 <= 0.0 {
-            return Some(bracketed_root(|t| value_and_slope(p, t), a, b, first));
+    let upright = |(value, slope): Edge| (value.copysign(value * sense), slope * sense.signum());
+    let (start, end) = (upright(start), upright(end));
+    if end.0 <= 0.0 {
+        let guess = guess(start, end, width);
+        return Some(refine(|t| upright(f(t)), 0.0, width, guess));
+    }
+    // Down at the start and up at the end: where the tangents meet is about as low as it gets.
+    if start.1 < 0.0 && end.1 > 0.0 {
+        let meet = (end.0 - start.0 - end.1 * width) / (start.1 - end.1);
+        if start.0 + start.1 * meet > 0.0 {
+            return None;
         }
-        if first * at_a.1 < 0.0 && first * at_b.1 > 0.0 {
-            let turn = bracketed_root(|t| slope_and_bend(p, t), a, b, -first);
-            if first * value(p, turn) <= 0.0 {
-                return Some(bracketed_root(|t| value_and_slope(p, t), a, turn, first));
+        let (mut a, mut b) = (0.0, width);
+        for _ in 0..50 {
+            let t = 0.5 * (a + b);
+            let (value, slope) = upright(f(t));
+            if value <= 0.0 {
+                return Some(refine(|t| upright(f(t)), a, t, 0.5 * (a + t)));
+            }
+            if slope < 0.0 {
+                a = t;
+            } else {
+                b = t;
             }
         }
-        (a, at_a) = (b, at_b);
     }
     None
 }
 
-/// First and second derivative at `t`.
-fn slope_and_bend(p: &[f64], t: f64) -> (f64, f64) {
-    let (_, slope, half_bend) = p
-        .iter()
-        .rev()
-        .fold((0.0, 0.0, 0.0), |(sum, slope, half_bend), &c| {
-            (sum * t + c, slope * t + sum, half_bend * t + slope)
-        });
-    (slope, 2.0 * half_bend)
+/// The root of the cubic through both ends, roughly.
+fn guess(start: Edge, end: Edge, width: f64) -> f64 {
+    let (d0, d1) = (start.1 * width, end.1 * width);
+    let rise = end.0 - start.0;
+    let (square, cube) = (3.0 * rise - 2.0 * d0 - d1, d0 + d1 - 2.0 * rise);
+    let mut part = if start.0 == 0.0 {
+        0.75
+    } else {
+        -start.0 / rise
+    };
+    for _ in 0..3 {
+        let value = ((cube * part + square) * part + d0) * part + start.0;
+        let slope = (3.0 * cube * part + 2.0 * square) * part + d0;
+        part -= value / slope;
+    }
+    part * width
 }
 
-/// The root in `[a, b]` of a function that has the sign of `sign_a` at `a` and another at `b`:
-/// Newton's method, with bisection where it leaves the bracket.
-pub(super) fn bracketed_root(
-    f: impl Fn(f64) -> (f64, f64),
-    mut a: f64,
-    mut b: f64,
-    sign_a: f64,
-) -> f64 {
-    let mut t = 0.5 * (a + b);
-    for _ in 0..80 {
-        let (value, slope) = f(t);
-        if value == 0.0 {
-            return t;
+/// The root in `[a, b]` of a function above 0 just after `a` and not at `b`, by Newton's
+/// method; bisection takes over where that leaves the bracket.
+fn refine(f: impl Fn(f64) -> Edge, mut a: f64, mut b: f64, guess: f64) -> f64 {
+    let accuracy = 1e-9 * (b - a);
+    let mut t = guess;
+    for _ in 0..100 {
+        if !(t > a && t < b) {
+            t = 0.5 * (a + b);
         }
-        if value * sign_a > 0.0 {
+        let (value, slope) = f(t);
+        if value > 0.0 {
             a = t;
         } else {
             b = t;
         }
-        let newton = t - value / slope;
-        let next = if newton > a && newton < b {
-            newton
-        } else {
-            0.5 * (a + b)
-        };
-        if (next - t).abs() <= 4.0 * f64::EPSILON * b.abs() {
-            return next;
+        let step = value / slope;
+        // The next error is about the square of this step.
+        if step.abs() <= accuracy || b - a <= 2.0 * f64::EPSILON * b {
+            return (t - step).clamp(a, b);
         }
-        t = next;
+        t -= step;
     }
     t
 }
@@ -130,21 +127,36 @@ pub(super) fn falling_root(f: impl Fn(f64) -> f64, mut a: f64, mut b: f64) -> f6
 mod tests {
     use super::*;
 
+    /// (t - 0.3)(t - 0.35)(t - 0.9)
+    fn cubic(t: f64) -> Edge {
+        (
+            ((t - 1.55) * t + 0.69) * t - 0.0945,
+            (3.0 * t - 3.1) * t + 0.69,
+        )
+    }
+
+    fn first_of_cubic(width: f64) -> Option<f64> {
+        first_crossing(cubic(0.0), cubic(width), width, cubic)
+    }
+
     #[test]
     fn finds_the_first_of_several_roots() {
-        // (t - 0.3)(t - 0.35)(t - 0.9)
-        let p = [-0.0945, 0.69, -1.55, 1.0];
-        assert!((first_root(&p, 1.0).unwrap() - 0.3).abs() < 1e-14);
-        // The pair alone changes no sign at any sample of [0, 0.8].
-        assert!((first_root(&p, 0.8).unwrap() - 0.3).abs() < 1e-14);
-        assert_eq!(first_root(&p, 0.29), None);
+        assert!((first_of_cubic(0.32).unwrap() - 0.3).abs() < 1e-14);
+        // Here the signs at both ends are the same.
+        assert!((first_of_cubic(0.4).unwrap() - 0.3).abs() < 1e-14);
+        assert_eq!(first_of_cubic(0.29), None);
     }
 
     #[test]
     fn a_root_at_the_start_has_been() {
-        assert_eq!(first_root(&[0.0, 1.0, 0.1], 5.0), None);
-        assert_eq!(first_root(&[0.0, 1.0, -0.5], 5.0), Some(2.0));
-        assert_eq!(first_root(&[0.0, 0.0], 5.0), None);
+        let hump = |t: f64| (t - 0.5 * t * t, 1.0 - t);
+        let root = first_crossing(hump(0.0), hump(5.0), 5.0, hump).unwrap();
+        assert!((root - 2.0).abs() < 1e-14);
+        assert_eq!(first_crossing(hump(0.0), hump(1.9), 1.9, hump), None);
+        assert_eq!(
+            first_crossing((0.0, 0.0), (0.0, 0.0), 1.0, |_| (0.0, 0.0)),
+            None
+        );
     }
 
     #[test]

@@ -5,8 +5,8 @@
 //! worth nothing, so every stretch ends on the next one, and is exact in between.
 
 use super::elongation::{Elongation, Ramp};
-use super::roots::first_root;
-use super::taylor::{Field, Jet, State};
+use super::roots::first_crossing;
+use super::taylor::{Field, Jet, Rates, State};
 
 /// A stance that takes longer than this counts as a fall.
 const LONGEST_STANCE_S: f64 = 25.0;
@@ -32,20 +32,20 @@ pub(super) enum Corner {
     LiftOff,
 }
 
-/// A smooth stretch of stance.
-pub(super) struct Stretch<const N: usize> {
-    pub(super) jet: Jet<N>,
+/// Where a smooth stretch of stance ends.
+pub(super) struct Stretch {
     pub(super) t_s: f64,
     pub(super) state: State,
     pub(super) corner: Corner,
 }
 
-impl<const N: usize> Stretch<N> {
-    /// Goes from `start` to the first corner, `limit_s` at most.
+impl Stretch {
+    /// Goes from `start` to the first corner, `limit_s` at most; leaves the series in `jet`.
     ///
     /// At touchdown the leg length is known exactly, which says whether the foot holds at all:
     /// `known_length_m` is it then.
-    pub(super) fn follow(
+    pub(super) fn follow<const N: usize>(
+        jet: &mut Jet<N>,
         field: &Field,
         start: &State,
         ramp: Ramp,
@@ -53,47 +53,80 @@ impl<const N: usize> Stretch<N> {
         limit_s: f64,
         tolerance_m_s: f64,
     ) -> Self {
-        let mut jet = Jet::<N>::expand(field, start, ramp);
+        jet.expand(field, start, ramp);
+        let mut at_start = jet.start();
         if let Some(length_m) = known_length_m {
-            jet.excess[0] = (length_m - ramp.length_m) * (length_m + ramp.length_m);
+            at_start.excess_m = length_m - ramp.length_m;
         }
         // A leg at its rest length, or beyond, that does not get shorter bears nothing.
-        if jet.excess[0] > 0.0 || (jet.excess[0] == 0.0 && jet.excess[1] >= 0.0) {
+        if at_start.excess_m > 0.0 || (at_start.excess_m == 0.0 && at_start.excess_m_s >= 0.0) {
             return Self {
-                jet,
                 t_s: 0.0,
                 state: *start,
                 corner: Corner::LiftOff,
             };
         }
-        let mut t_s = jet.reach_s(tolerance_m_s).min(limit_s);
-        let mut corner = Corner::Limit;
-        if let Some(turn_s) = first_root(&jet.vy, t_s) {
-            // A velocity that starts at 0 takes the sign of its acceleration.
-            let rises = jet.vy[0] > 0.0 || (jet.vy[0] == 0.0 && jet.vy[1] > 0.0);
-            corner = if rises { Corner::Apex } else { Corner::Bottom };
-            t_s = turn_s;
+        let mut stretch = Self {
+            t_s: jet.reach_s(tolerance_m_s).min(limit_s),
+            state: *start,
+            corner: Corner::Limit,
+        };
+        let mut at_end = stretch.arrive(jet, field);
+
+        let excess = |r: &Rates| (r.excess_m, r.excess_m_s);
+        let lift_off = first_crossing(excess(&at_start), excess(&at_end), stretch.t_s, |t_s| {
+            jet.excess(t_s)
+        });
+        if let Some(t_s) = lift_off {
+            (stretch.t_s, stretch.corner) = (t_s, Corner::LiftOff);
+            at_end = stretch.arrive(jet, field);
         }
-        if field.drag_per_m[0] > 0.0
-            && let Some(swing_s) = first_root(&jet.vx, t_s)
+        let speed = |state: &State, rates: &Rates, axis: usize| {
+            (state.velocity_m_s[axis], rates.acceleration_m_s2[axis])
+        };
+        let (from, to) = (
+            speed(start, &at_start, 1),
+            speed(&stretch.state, &at_end, 1),
+        );
+        let rises = from.0 > 0.0 || (from.0 == 0.0 && from.1 > 0.0);
+        // Without drag the bottom is no corner, and may be passed over.
+        let passes_bottom = !field.drags() && !rises && to.0 > 0.0 && stretch.stays_up(start);
+        if !passes_bottom
+            && let Some(t_s) = first_crossing(from, to, stretch.t_s, |t_s| jet.speed(1, t_s))
         {
-            (t_s, corner) = (swing_s, Corner::Swing);
+            stretch.t_s = t_s;
+            stretch.corner = if rises { Corner::Apex } else { Corner::Bottom };
+            at_end = stretch.arrive(jet, field);
+            stretch.state.velocity_m_s[1] = 0.0;
         }
-        if let Some(lift_off_s) = first_root(&jet.excess, t_s) {
-            (t_s, corner) = (lift_off_s, Corner::LiftOff);
+        if field.drags() {
+            let (from, to) = (
+                speed(start, &at_start, 0),
+                speed(&stretch.state, &at_end, 0),
+            );
+            if let Some(t_s) = first_crossing(from, to, stretch.t_s, |t_s| jet.speed(0, t_s)) {
+                (stretch.t_s, stretch.corner) = (t_s, Corner::Swing);
+                stretch.arrive(jet, field);
+                stretch.state.velocity_m_s[0] = 0.0;
+            }
         }
-        let mut state = jet.at(t_s);
-        match corner {
-            Corner::Swing => state.velocity_m_s[0] = 0.0,
-            Corner::Bottom | Corner::Apex => state.velocity_m_s[1] = 0.0,
-            Corner::Limit | Corner::LiftOff => {}
-        }
-        Self {
-            jet,
-            t_s,
-            state,
-            corner,
-        }
+        stretch
+    }
+
+    /// Takes the state at the end from the series.
+    fn arrive<const N: usize>(&mut self, jet: &Jet<N>, field: &Field) -> Rates {
+        self.state = jet.at(self.t_s);
+        jet.rates(field, &self.state, self.t_s)
+    }
+
+    /// Whether the height keeps clear of 0 even where its lowest point lies inside the stretch
+    /// and not at an end. Only without drag may it lie there, for the bottom is no corner then.
+    fn stays_up(&self, start: &State) -> bool {
+        let lowest_m = start.place_m[1].min(self.state.place_m[1]);
+        let fastest_m_s = start.velocity_m_s[1]
+            .abs()
+            .max(self.state.velocity_m_s[1].abs());
+        lowest_m > fastest_m_s * self.t_s
     }
 }
 
@@ -117,10 +150,12 @@ pub(super) fn punt(
 ) -> StanceEnd {
     let (mut t_s, mut state) = (0.0, touchdown);
     let mut known_length_m = Some(elongation.rest_length_m);
+    let mut jet = Jet::<COEFFICIENTS>::new();
     for _ in 0..MOST_STRETCHES {
         let (ramp, kink_s) = elongation.ramp(t_s);
         let limit_s = kink_s - t_s;
-        let stretch = Stretch::<COEFFICIENTS>::follow(
+        let stretch = Stretch::follow(
+            &mut jet,
             field,
             &state,
             ramp,
@@ -134,7 +169,7 @@ pub(super) fn punt(
         } else {
             t_s + stretch.t_s
         };
-        // The vertical velocity keeps its sign over a stretch: the height is lowest at an end.
+        // The height is lowest at an end of the stretch, or clear of the ground.
         if state.place_m[1] <= 0.0 || t_s > LONGEST_STANCE_S || !t_s.is_finite() {
             return StanceEnd::Fall;
         }

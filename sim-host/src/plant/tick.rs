@@ -21,9 +21,10 @@ use super::flight::Swim;
 use super::ground::Ground;
 use super::leg::Leg;
 use super::medium::Medium;
+use super::pair::Pair;
 use super::roots::falling_root;
 use super::stance::{Corner, Stretch};
-use super::taylor::{Field, State};
+use super::taylor::{Field, Jet, State};
 
 /// Coefficients of the series over a tick: fewer than over a whole stance, for ticks are short.
 const COEFFICIENTS: usize = 12;
@@ -311,8 +312,8 @@ impl TickPlant {
         events: &mut TickEvents,
     ) -> f64 {
         let start = State {
-            place_m: [self.body.x_m - foot[0], self.body.y_m - foot[1]],
-            velocity_m_s: [self.body.vx_m_s, self.body.vy_m_s],
+            place_m: Pair([self.body.x_m - foot[0], self.body.y_m - foot[1]]),
+            velocity_m_s: Pair([self.body.vx_m_s, self.body.vy_m_s]),
         };
         let body_at = |state: &State| Body {
             x_m: foot[0] + state.place_m[0],
@@ -323,7 +324,9 @@ impl TickPlant {
         let (ramp, kink_s) = tick.elongation.ramp(from_s);
         let until_s = kink_s.min(tick.end_s);
         let limit_s = until_s - from_s;
-        let stretch = Stretch::<COEFFICIENTS>::follow(
+        let mut jet = Jet::<COEFFICIENTS>::new();
+        let stretch = Stretch::follow(
+            &mut jet,
             &tick.field,
             &start,
             ramp,
@@ -333,9 +336,9 @@ impl TickPlant {
         );
         let end = body_at(&stretch.state);
         if tick.over_ground(&end) <= 0.0 {
-            let height = |t_s| tick.over_ground(&body_at(&stretch.jet.at(t_s)));
+            let height = |t_s| tick.over_ground(&body_at(&jet.at(t_s)));
             let t_s = falling_root(height, 0.0, stretch.t_s);
-            self.fall(from_s + t_s, body_at(&stretch.jet.at(t_s)), events);
+            self.fall(from_s + t_s, body_at(&jet.at(t_s)), events);
             return from_s + t_s;
         }
         let t_s = if stretch.t_s == limit_s {
