@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::elongation::Elongation;
 use super::flight::Swim;
-use super::leg::Leg;
+use super::leg::{Leg, ParameterError, positive};
 use super::medium::Medium;
 use super::pair::Pair;
 use super::stance::{StanceEnd, punt};
@@ -50,6 +50,15 @@ impl Tolerance {
     };
     /// For training, where speed counts.
     pub const TRAINING: Self = Self { velocity_m_s: 1e-6 };
+
+    /// Any other. Below about 1e-13 rounding takes over.
+    ///
+    /// # Errors
+    /// A tolerance that is not finite or not above 0.
+    pub fn new(velocity_m_s: f64) -> Result<Self, ParameterError> {
+        positive("tolerance", velocity_m_s)?;
+        Ok(Self { velocity_m_s })
+    }
 }
 
 impl Default for Tolerance {
