@@ -487,3 +487,6 @@ fn settle<T, E>(mut attempt: impl FnMut() -> Result<T, E>) -> Result<T, E> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;
