@@ -23,7 +23,7 @@ use iceoryx2::prelude::{
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
-use super::card::{self, Held, Presence, Refusal, Role, Terms};
+use super::card::{self, Card, Held, Presence, Refusal, Role, Terms};
 use super::domain::{Domain, DomainError};
 use super::link::{Link, LinkError};
 use super::payload::Message;
@@ -36,7 +36,7 @@ const MAX_READERS: usize = 4;
 /// Processes at a service: two players, the readers, and some that are being cleaned up.
 const MAX_NODES: usize = 16;
 /// Between two looks for a peer that has not come yet.
-const LOOK: Duration = Duration::from_millis(5);
+const LOOK: Duration = Duration::from_millis(1);
 /// A refused process stays this long, so that its peer reads its card and can say why too.
 const LINGER: Duration = Duration::from_millis(100);
 /// For how long to try to make a service or a port while a dead process is cleaned up.
@@ -155,7 +155,7 @@ pub struct ShmLink<Out: Message, In: Message> {
     outgoing: Service<Out>,
     incoming: Service<In>,
     node: Node<ipc::Service>,
-    _role: Held,
+    role: Held,
     domain: Arc<Domain>,
     terms: Terms,
     peer: Peer,
@@ -249,7 +249,7 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
             outgoing,
             incoming,
             node,
-            _role: role,
+            role,
             domain: Arc::clone(domain),
             terms,
             peer: Peer::default(),
@@ -265,14 +265,14 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
     ) -> Result<Self, ConnectError> {
         let start = Instant::now();
         loop {
-            if let Some(pid) = Self::agree(&self.domain, self.terms)?
-                && let Some(peer) = self.ports_of(pid)
-                // A publisher is mapped only by a look at its queue. Look now: what a peer sends
-                // before it is mapped is lost if it leaves before the first receive.
-                && self.subscriber.has_samples().is_ok()
-            {
-                self.peer = peer;
-                return Ok(self);
+            if let Some(card) = Self::agree(&self.domain, self.terms)? {
+                if self.peer.pid != card.pid {
+                    self.meet(card.pid)?;
+                }
+                // Both ways, so that neither begins with a peer that is not there yet.
+                if self.peer.pid == card.pid && card.met == Some(std::process::id()) {
+                    return Ok(self);
+                }
             }
             if self.stop.is_raised() {
                 return Err(ConnectError::Stopped(In::SENDER));
@@ -291,8 +291,21 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
         }
     }
 
-    /// The peer's process, if it is there; an error if it does not fit.
-    fn agree(domain: &Arc<Domain>, ours: Terms) -> Result<Option<u32>, ConnectError> {
+    /// Gets ready to hear the process `pid`, if it has its ports, and says so.
+    fn meet(&mut self, pid: u32) -> Result<(), ConnectError> {
+        // A publisher is mapped only by a look at its queue. Look now: what a peer sends
+        // before it is mapped is lost if it leaves before the first receive.
+        if let Some(peer) = self.ports_of(pid)
+            && self.subscriber.has_samples().is_ok()
+        {
+            self.role.meet(pid).map_err(|e| failed(&self.domain, "write the role's card", &e))?;
+            self.peer = peer;
+        }
+        Ok(())
+    }
+
+    /// The peer's card, if it is there; an error if it does not fit.
+    fn agree(domain: &Arc<Domain>, ours: Terms) -> Result<Option<Card>, ConnectError> {
         let seen = card::presence(domain, In::SENDER)
             .map_err(|cause| failed(domain, "look for the peer", &cause))?;
         let Presence::Alive(Some(card)) = seen else {
@@ -300,7 +313,7 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
         };
         let theirs = card.terms;
         if theirs == ours {
-            return Ok(Some(card.pid));
+            return Ok(Some(card));
         }
         std::thread::sleep(LINGER);
         Err(if theirs.wire_version == ours.wire_version {
