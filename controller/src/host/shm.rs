@@ -5,8 +5,8 @@
 //! for a slow reader. Further subscribers (a recorder, a live view) may listen.
 //!
 //! A receiver polls: in lock-step the peer answers within microseconds, and
-//! any blocking wait of the system costs thirty to forty. See [`super::wait`]
-//! for what it does when the peer is slow.
+//! any blocking wait of the system costs thirty to forty. Of a slow peer it
+//! learns to yield the core, and after a millisecond it sleeps.
 
 use std::fmt::{self, Display};
 use std::sync::Arc;
