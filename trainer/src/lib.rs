@@ -1,1 +1,9 @@
 //! Off-line training of the leg's actor by deep deterministic policy gradient (DDPG).
+// What is generic over the instruction set must be inlined into the function
+// compiled for it, or it would fall back to the baseline.
+#![allow(clippy::inline_always, reason = "see `simd`")]
+
+pub mod ddpg;
+pub mod net;
+pub mod replay;
+pub mod simd;
