@@ -85,7 +85,7 @@ impl Replay {
         for b in 0..B {
             let bits = rng.next_u64();
             // High half: which. The bias of the multiplication is below count / 2^32.
-            let t = &self.kept[((bits >> 32) * count >> 32) as usize];
+            let t = &self.kept[(((bits >> 32) * count) >> 32) as usize];
             let sign = if mirror && bits & 1 == 1 { -1.0 } else { 1.0 };
             for i in 0..3 {
                 let sign = if i == 0 { sign } else { 1.0 };

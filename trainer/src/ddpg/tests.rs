@@ -220,17 +220,20 @@ fn every_instruction_set_learns_the_same_bits() {
     }
 }
 
+/// The slopes of the actor's outputs, as a kernel.
+struct Slopes<'a>(&'a mut JointDdpg50<64>);
+
+impl crate::simd::Kernel for Slopes<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: crate::simd::Simd>(self, simd: S) {
+        self.0.action_slopes(simd);
+    }
+}
+
 #[test]
 fn the_clip_blocks_only_what_leads_further_out() {
     let (mut agent, _, _) = agent::<5, 50, 0, 56, 64>(Isa::best(), CLIPPED);
-    struct Slopes<'a>(&'a mut JointDdpg50<64>);
-    impl crate::simd::Kernel for Slopes<'_> {
-        type Output = ();
-        #[inline(always)]
-        fn run<S: crate::simd::Simd>(self, simd: S) {
-            self.0.action_slopes(simd);
-        }
-    }
     // The second output: 1.5 tanh(2) is above the bound of 1; tanh(0.1) is not.
     for b in 0..64 {
         agent.actor_pass.outputs[1][b] = if b < 32 { 2.0 } else { 0.1 };

@@ -138,7 +138,7 @@ impl<const X: usize, const H: usize, const E: usize, const O: usize, const P: us
         simd: S,
         pass: &mut Pass<X, H, E, O, P, B>,
     ) {
-        let (first, second) = (&self.rows[..X + 1], &self.rows[Self::SECOND..Self::THIRD]);
+        let (first, second) = (&self.rows[..=X], &self.rows[Self::SECOND..Self::THIRD]);
         Product {
             a: Transposed::from(&first[..X], 0),
             m: &pass.inputs[..X],
@@ -220,9 +220,9 @@ impl<const X: usize, const H: usize, const E: usize, const O: usize, const P: us
         }
         .into::<S, 8, 4>(simd, &mut pass.first_slopes);
         Product { a: Straight(&pass.inputs), m: &pass.first_slopes, start: Zero, finish: Linear }
-            .into::<S, 2, 2>(simd, &mut gradient.rows[..X + 1]);
+            .into::<S, 2, 2>(simd, &mut gradient.rows[..=X]);
         // The spare lanes of the first layer are no units.
-        for row in &mut gradient.rows[..X + 1] {
+        for row in &mut gradient.rows[..=X] {
             row[H..].fill(0.0);
         }
     }

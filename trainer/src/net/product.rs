@@ -221,20 +221,20 @@ impl<A: Left, I: Start, F: Finish, const N: usize> Product<'_, A, I, F, N> {
     ) {
         let rows = self.a.rows::<R>(first);
         let mut sums = [V::splat(token, 0.0); R];
-        for r in 0..R {
-            sums[r] = self.start.at(token, first + r, column);
+        for (r, sum) in sums.iter_mut().enumerate() {
+            *sum = self.start.at(token, first + r, column);
         }
         for (k, m) in self.m.iter().enumerate() {
             let piece = V::load(token, &m[column..]);
             let factors: [f32; R] = rows.column(k);
-            for r in 0..R {
-                sums[r] = sums[r].add(piece.mul(V::splat(token, factors[r])));
+            for (sum, factor) in sums.iter_mut().zip(factors) {
+                *sum = sum.add(piece.mul(V::splat(token, factor)));
             }
         }
         let out: &mut [Row<N>; R] = out[first..].first_chunk_mut().expect("R rows of out");
-        for r in 0..R {
-            let done = self.finish.apply(token, sums[r], first + r, column);
-            done.store(&mut out[r][column..]);
+        for (r, (row, sum)) in out.iter_mut().zip(sums).enumerate() {
+            let done = self.finish.apply(token, sum, first + r, column);
+            done.store(&mut row[column..]);
         }
     }
 }

@@ -208,7 +208,7 @@ pub fn dispatch<K: Kernel>(isa: Isa, kernel: K) -> K::Output {
 
 #[cfg(test)]
 mod tests {
-    use super::{Isa, Kernel, Pair, Simd, Sum, Vector, dispatch};
+    use super::{Isa, Kernel, Pair, Simd, Sum, dispatch};
 
     struct Everything<'a>(&'a [f32]);
 
