@@ -23,7 +23,8 @@ pub struct Config {
     pub stages: Vec<Stage>,
     /// Which actor is kept.
     pub selection: Selection,
-    /// Recommended gains of the velocity cascade, by ascending density.
+    /// Recommended gains of the velocity cascade, by ascending density; where there
+    /// are none, they are searched for after the training.
     pub gains: Vec<Gains>,
 }
 

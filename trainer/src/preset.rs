@@ -167,27 +167,7 @@ fn robust() -> Config {
         length: Length::Steps(300_000),
     }];
     config.selection = Selection { evaluations: 24, starts: 500 };
-    let table: [[f32; 5]; 8] = [
-        // density, ki, kd, feed-forward, limit
-        [0.0, 0.2, 0.0, 0.5, 1.0],
-        [0.05, 0.1, 0.0, 0.0, 1.0],
-        [0.1, 0.2, 0.0, 0.0, 2.0],
-        [0.3, 0.2, 0.0, 1.0, 4.0],
-        [0.5, 0.2, 0.0, 1.0, 4.0],
-        [0.7, 0.4, 0.0, 1.0, 2.0],
-        [0.9, 0.7, 0.0, 1.0, 8.0],
-        [1.0, 0.7, 0.3, 1.0, 4.0],
-    ];
-    config.gains = table
-        .map(|[density_ratio, ki, kd, feed_forward, limit_m_s]| Gains {
-            density_ratio,
-            kp: 0.0,
-            ki,
-            kd,
-            feed_forward,
-            limit_m_s,
-        })
-        .to_vec();
+    config.gains.clear();
     config
 }
 

@@ -86,6 +86,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         log.into_inner().map_err(|e| failed(e.into_error()))?.finish()?;
     }
     let (frozen, standing) = training.kept();
+    let gains = if config.gains.is_empty() {
+        crate::evaluate::gains::search(&frozen.actor())
+    } else {
+        config.gains.clone()
+    };
     let bytes = blob(
         &frozen,
         &About {
@@ -95,7 +100,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
             steps: standing.map_or(training.total_steps(), |s| s.steps),
             density_ratio: config.density_range(),
             config: &config.to_toml(),
-            gains: &config.gains,
+            gains: &gains,
         },
     )
     .map_err(failed)?;

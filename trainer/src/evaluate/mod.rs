@@ -4,6 +4,7 @@
 //! Results do not depend on the number of threads: every start is drawn before
 //! any is run, and results are gathered in their order.
 
+pub mod gains;
 pub mod report;
 pub mod selection;
 pub mod survival;

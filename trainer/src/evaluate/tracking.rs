@@ -25,6 +25,10 @@ const RAMP_STEP_M_S: f64 = 0.05;
 /// The ramp ends here even if the leg still stands, m/s.
 pub const RAMP_CAP_M_S: f64 = 30.0;
 
+/// ... and where the best speed is left behind by this much: the leg stands, at
+/// the offset's bound, and will not get any faster, m/s.
+pub const GIVEN_UP_M_S: f64 = 10.0;
+
 /// Highest speed of a steady gait with every apex at or above 1 m, by density
 /// (a search over touchdown angle and elongation speed, no agent involved;
 /// lower bounds).
@@ -108,7 +112,8 @@ pub fn tracking_table(actor: &Actor<'_>, gains: &GainSchedule) -> Vec<Tracking> 
 }
 
 /// The highest speed, m/s: the target is raised by 0.05 m/s every 10 hops until
-/// the leg falls (or [`RAMP_CAP_M_S`]); the highest mean over 10 whole hops counts.
+/// the leg falls (or [`RAMP_CAP_M_S`], or [`GIVEN_UP_M_S`] over the best); the
+/// highest mean over 10 whole hops counts, as far as it was asked for.
 #[must_use]
 pub fn highest_speed(actor: &Actor<'_>, gains: &GainSchedule, rho: f64) -> f64 {
     let hopper = hopper(rho);
@@ -124,7 +129,12 @@ pub fn highest_speed(actor: &Actor<'_>, gains: &GainSchedule, rho: f64) -> f64 {
             apex = next;
             sum += apex.vx_m_s;
         }
-        best = best.max(sum / RAMP_HOPS as f64);
+        let mean = sum / RAMP_HOPS as f64;
+        // What overshoots was not asked for.
+        best = best.max(mean.min(target));
+        if target - best > GIVEN_UP_M_S {
+            break;
+        }
     }
     best
 }
