@@ -237,3 +237,165 @@ impl<'a> Controller<'a> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use crate::policy::fixture::{Bytes, blob_of, manifest};
+    use proptest::prelude::*;
+    use std::vec::Vec as StdVec;
+
+    fn with_controller(test: impl FnOnce(Controller<'_>)) {
+        let bytes = Bytes::new(&blob_of(&manifest()).unwrap());
+        let policy = Policy::parse(bytes.get()).unwrap();
+        test(Controller::new(policy, Config::at_rate(1_000).unwrap()));
+    }
+
+    /// Free fall from rest at `y_m`, as a leg in air feels it.
+    fn falling(seq: u64, y_m: f32) -> Sample {
+        let t_s = 1e-3 * seq as f32;
+        let ay = -80.0 / 88.0 * 9.81;
+        Sample {
+            header: Header {
+                version: WIRE_VERSION,
+                flags: flags::CONTACT_SENSED,
+                epoch: 3,
+                seq,
+                t_ns: seq * 1_000_000,
+            },
+            vx_m_s: 0.4,
+            y_m: y_m + 0.5 * ay * t_s * t_s,
+            vy_m_s: ay * t_s,
+            ..Sample::default()
+        }
+    }
+
+    fn is_safe(command: &Command) -> bool {
+        command.header.flags & flags::SAFE != 0
+    }
+
+    #[test]
+    fn a_leg_released_in_mid_air_is_safe_until_it_knows_its_medium() {
+        with_controller(|mut controller| {
+            for seq in 0..START_SAMPLES as u64 - 1 {
+                assert!(is_safe(&controller.tick(Some(&falling(seq, 2.0)))));
+            }
+            let command = controller.tick(Some(&falling(START_SAMPLES as u64 - 1, 2.0)));
+            assert!(!is_safe(&command));
+            assert_eq!(command.apexes, 1);
+            assert!((command.apex_y_m - 2.0).abs() < 1e-4, "{}", command.apex_y_m);
+            assert!(command.density_ratio.abs() < 0.01, "{}", command.density_ratio);
+        });
+    }
+
+    #[test]
+    fn a_density_that_is_told_is_used_at_once() {
+        with_controller(|mut controller| {
+            let mut sample = falling(0, 2.0);
+            sample.header.flags |= flags::DENSITY_SENSED;
+            sample.density_ratio = 0.7;
+            let command = controller.tick(Some(&sample));
+            assert_eq!((command.apexes, command.density_ratio), (1, 0.7));
+        });
+    }
+
+    #[test]
+    fn the_ramp_of_the_elongation_is_armed_for_the_touchdown_foreseen() {
+        with_controller(|mut controller| {
+            let mut command = Command::default();
+            for seq in 0..300 {
+                command = controller.tick(Some(&falling(seq, 2.0)));
+            }
+            // At 2 m, from the fall's own formula.
+            let ay = 80.0_f32 / 88.0 * 9.81;
+            let touchdown_s = (2.0 * (2.0 - libm::sinf(command.leg_angle_rad)) / ay).sqrt();
+            let foreseen_s = 0.299 - command.elongation_m / command.elongation_rate_m_s;
+            assert!((foreseen_s - touchdown_s).abs() < 1e-5, "{foreseen_s} for {touchdown_s}");
+        });
+    }
+
+    #[test]
+    fn silence_is_bridged_then_safe_and_a_return_is_taken() {
+        with_controller(|mut controller| {
+            for seq in 0..100 {
+                controller.tick(Some(&falling(seq, 3.0)));
+            }
+            let safe_after = Config::at_rate(1_000).unwrap().limits.safe_after_ticks;
+            for _ in 1..safe_after {
+                assert!(!is_safe(&controller.tick(None)));
+            }
+            let command = controller.tick(None);
+            assert!(is_safe(&command));
+            assert_eq!(
+                (command.leg_angle_rad, command.elongation_m, command.elongation_rate_m_s),
+                (core::f32::consts::FRAC_PI_2, 0.0, 0.0)
+            );
+            let first_back =
+                (200..260).find(|&seq| !is_safe(&controller.tick(Some(&falling(seq, 3.0)))));
+            // Three good samples to trust again, then those of the estimate.
+            assert_eq!(first_back, Some(200 + 2 + START_SAMPLES as u64 - 1));
+        });
+    }
+
+    fn any_sample() -> impl Strategy<Value = Option<Sample>> {
+        let header = (0_u16..3, any::<u16>(), 0_u32..3, 0_u64..200, 0_u64..200).prop_map(
+            |(version, flags, epoch, seq, tick)| Header {
+                version,
+                flags,
+                epoch,
+                seq,
+                t_ns: tick * 1_000_000,
+            },
+        );
+        let figure = || {
+            prop_oneof![
+                4 => -3.0_f32..3.0,
+                1 => any::<u32>().prop_map(f32::from_bits),
+            ]
+        };
+        let figures = (figure(), figure(), figure(), figure(), figure(), figure());
+        prop::option::of((header, figures).prop_map(|(header, f)| Sample {
+            header,
+            set_point_m_s: f.0,
+            vx_m_s: f.1,
+            y_m: f.2,
+            vy_m_s: f.3,
+            leg_length_m: f.4,
+            density_ratio: f.5,
+        }))
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2_000))]
+        #[test]
+        fn any_run_of_samples_gives_finite_commands_in_range(
+            samples in prop::collection::vec(any_sample(), 1..80)
+        ) {
+            with_controller(|mut controller| {
+                for sample in &samples {
+                    let c = controller.tick(sample.as_ref());
+                    let figures = [c.leg_angle_rad, c.elongation_m, c.elongation_rate_m_s,
+                        c.apex_vx_m_s, c.apex_y_m, c.density_ratio, c.velocity_offset_m_s];
+                    assert!(figures.iter().all(|x| x.is_finite()), "{c:?}");
+                    assert!((0.0..=core::f32::consts::PI).contains(&c.leg_angle_rad), "{c:?}");
+                    assert!(c.elongation_m <= 0.2 && (0.0..=2.0).contains(&c.elongation_rate_m_s));
+                }
+            });
+        }
+
+        #[test]
+        fn the_same_samples_give_the_same_bits(
+            samples in prop::collection::vec(any_sample(), 1..80)
+        ) {
+            let run = || {
+                let mut commands = StdVec::new();
+                with_controller(|mut controller| {
+                    commands.extend(samples.iter().map(|s| controller.tick(s.as_ref())));
+                });
+                commands
+            };
+            prop_assert_eq!(run(), run());
+        }
+    }
+}

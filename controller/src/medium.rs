@@ -6,7 +6,7 @@
 //! velocity of the last samples in flight.
 
 use crate::leg::LegModel;
-use heapless::HistoryBuf;
+use heapless::Deque;
 
 /// Most samples in the window.
 const WINDOW: usize = 32;
@@ -18,7 +18,7 @@ const MIN_SAMPLES: usize = 3;
 /// The vertical velocity of the last samples in flight.
 #[derive(Clone, Debug, Default)]
 pub struct DensityEstimator {
-    flight: HistoryBuf<(u64, f32), WINDOW>,
+    flight: Deque<(u64, f32), WINDOW>,
 }
 
 impl DensityEstimator {
@@ -35,7 +35,11 @@ impl DensityEstimator {
 
     /// Takes a sample in flight: its time, ns, and vertical velocity, m/s.
     pub fn push(&mut self, t_ns: u64, vy_m_s: f32) {
-        self.flight.write((t_ns, vy_m_s));
+        if self.flight.is_full() {
+            self.flight.pop_front();
+        }
+        // Cannot be full any more; and a full window would still be a window.
+        let _ = self.flight.push_back((t_ns, vy_m_s));
     }
 
     /// Samples of this flight so far, at most the window's.
@@ -48,16 +52,17 @@ impl DensityEstimator {
     /// three samples in flight.
     #[must_use]
     pub fn vertical_acceleration_m_s2(&self) -> Option<f32> {
-        let &(now, vy_now) = self.flight.recent()?;
+        let &(now, vy_now) = self.flight.back()?;
         // Relative to the newest sample: small numbers, exact in f32.
-        let window = self
-            .flight
-            .oldest_ordered()
-            .map(|&(t, vy)| (now.saturating_sub(t), vy - vy_now))
-            .filter(|&(age_ns, _)| age_ns <= WINDOW_NS)
-            .map(|(age_ns, dv)| (-1e-9 * age_ns as f32, dv));
+        let window = || {
+            self.flight
+                .iter()
+                .map(|&(t, vy)| (now.saturating_sub(t), vy - vy_now))
+                .filter(|&(age_ns, _)| age_ns <= WINDOW_NS)
+                .map(|(age_ns, dv)| (-1e-9 * age_ns as f32, dv))
+        };
         let (mut n, mut sum_t, mut sum_v) = (0_usize, 0.0_f32, 0.0_f32);
-        for (t, v) in window.clone() {
+        for (t, v) in window() {
             n += 1;
             sum_t += t;
             sum_v += v;
@@ -67,7 +72,7 @@ impl DensityEstimator {
         }
         let (mean_t, mean_v) = (sum_t / n as f32, sum_v / n as f32);
         let (mut tt, mut tv) = (0.0_f32, 0.0_f32);
-        for (t, v) in window {
+        for (t, v) in window() {
             tt += (t - mean_t) * (t - mean_t);
             tv += (t - mean_t) * (v - mean_v);
         }

@@ -20,6 +20,8 @@ pub mod flags {
     pub const LEG_LENGTH_SENSED: u16 = 1 << 2;
     /// Sample: `density_ratio` is measured, and used instead of the estimate.
     pub const DENSITY_SENSED: u16 = 1 << 3;
+    /// Sample: the run is over, in good order. Carries no reading and asks for no command.
+    pub const END: u16 = 1 << 4;
     /// Command: the guard has taken over, this is the safe command.
     pub const SAFE: u16 = 1 << 8;
 }

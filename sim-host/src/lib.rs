@@ -1,3 +1,7 @@
 //! The leg on the host: its physics, and the sessions that play it to a controller.
 
+pub mod cli;
 pub mod plant;
+pub mod scenario;
+pub mod session;
+pub mod shore;

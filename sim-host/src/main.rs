@@ -1,3 +1,7 @@
-//! The `sim-host` command line.
+//! The `sim-host` program.
 
-fn main() {}
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    sim_host::cli::main()
+}

@@ -1,58 +1,11 @@
 //! The apex map against an independent integrator and against the source's own data.
 
+mod common;
+
 use std::path::Path;
 
-use sim_host::plant::{Action, Apex, Hop, Hopper, Leg, Medium, Outcome};
-
-/// One row of a CSV file with its header.
-struct Row<'a> {
-    header: &'a [&'a str],
-    cells: Vec<&'a str>,
-}
-
-impl Row<'_> {
-    fn cell(&self, name: &str) -> &str {
-        let column = self.header.iter().position(|&h| h == name).unwrap();
-        self.cells[column]
-    }
-
-    fn number(&self, name: &str) -> f64 {
-        self.cell(name).parse().unwrap()
-    }
-
-    fn optional(&self, name: &str) -> Option<f64> {
-        let cell = self.cell(name);
-        (!cell.is_empty()).then(|| cell.parse().unwrap())
-    }
-}
-
-fn for_each_row(text: &str, mut visit: impl FnMut(&Row)) {
-    let mut lines = text.lines();
-    let header: Vec<&str> = lines.next().unwrap().split(',').collect();
-    for line in lines {
-        visit(&Row {
-            header: &header,
-            cells: line.split(',').collect(),
-        });
-    }
-}
-
-fn hop_of(row: &Row) -> Hop {
-    let mut parameters = *Leg::human().parameters();
-    parameters.mass_kg = row.number("m");
-    parameters.stiffness_n_m = row.number("k");
-    let leg = Leg::new(parameters).unwrap();
-    let medium = Medium::new(row.number("rho"), row.number("g")).unwrap();
-    let start = Apex {
-        vx_m_s: row.number("vx"),
-        y_m: row.number("y"),
-    };
-    let action = Action {
-        alpha_rad: row.number("alpha"),
-        rs_m_s: row.number("rs"),
-    };
-    Hopper::new(&leg, medium).hop(start, action)
-}
+use common::{Case, GOLDEN, for_each_row};
+use sim_host::plant::{Hop, Outcome};
 
 /// Largest error of one quantity, relative to `max(1, |value|)`.
 #[derive(Default)]
@@ -86,7 +39,6 @@ fn foot_does_not_hold(hop: &Hop) -> bool {
 
 #[test]
 fn golden_cases_agree() {
-    let text = include_str!("../../tests/golden/apex_map.csv");
     let names = [
         "t_touchdown",
         "x_foot",
@@ -97,10 +49,11 @@ fn golden_cases_agree() {
         "y_next",
     ];
     let mut worst: [Worst; 7] = Default::default();
-    let (mut line, mut degenerate) = (1, 0);
-    for_each_row(text, |row| {
-        line += 1;
-        let mut hop = hop_of(row);
+    let (mut cases, mut degenerate) = (0, 0);
+    for_each_row(GOLDEN, |row| {
+        cases += 1;
+        let line = row.line;
+        let mut hop = Case::of(row).hop();
         let (outcome, next) = match hop.outcome {
             Outcome::Apex(next) if next.in_stance => ("apex_in_stance", Some(next)),
             Outcome::Apex(next) => ("apex", Some(next)),
@@ -131,7 +84,7 @@ fn golden_cases_agree() {
             worst[i].note(line, ours[i], row.optional(names[i]));
         }
     });
-    assert_eq!(line, 1201);
+    assert_eq!(cases, 1200);
     assert_eq!(degenerate, 15);
     for (name, worst) in names.iter().zip(&worst) {
         println!("{name}: {:.1e} at line {}", worst.error, worst.line);
@@ -149,26 +102,12 @@ fn published_transitions_agree() {
             println!("skipped: {name} is not in {}", folder.display());
             return;
         };
-        let mut line = 1;
         for_each_row(&text, |row| {
-            line += 1;
-            let medium = Medium::new(row.number("rho"), 9.81).unwrap();
-            let start = Apex {
-                vx_m_s: row.number("vx"),
-                y_m: row.number("y"),
-            };
-            let action = Action {
-                alpha_rad: row.number("alpha"),
-                rs_m_s: row.number("rs"),
-            };
-            let next = Hopper::new(&Leg::human(), medium)
-                .hop(start, action)
-                .outcome
-                .next();
+            let next = Case::of(row).hop().outcome.next();
             // The data marks a fall by a next state of zeros; `done` is also set at an apex
             // below 1 m, which still earns its reward.
             let fell = row.number("y_next") == 0.0;
-            assert_eq!(next.is_none(), fell, "{name}, line {line}");
+            assert_eq!(next.is_none(), fell, "{name}, line {}", row.line);
             if let Some(next) = next {
                 errors_m_s.push((next.vx_m_s - row.number("vx_next")).abs());
             }

@@ -147,4 +147,6 @@ struct Blob<'a> {
 }
 
 #[cfg(test)]
+pub(crate) mod fixture;
+#[cfg(test)]
 mod tests;

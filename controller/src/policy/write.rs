@@ -48,7 +48,7 @@ pub fn write(
         manifest: manifest.clone(),
         test_vectors: test_vectors(&actor),
         padding: &[],
-        weights: bytemuck::cast_slice(packed),
+        weights: bytemuck::try_cast_slice(packed).unwrap_or_default(),
         crc32: 0,
     };
     let too_small = WriteError::BufferTooSmall(buffer.len());

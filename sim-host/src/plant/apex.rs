@@ -2,10 +2,12 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::elongation::Elongation;
 use super::flight::Swim;
 use super::leg::Leg;
 use super::medium::Medium;
-use super::stance::{Elongation, StanceEnd, punt};
+use super::pair::Pair;
+use super::stance::{StanceEnd, punt};
 use super::taylor::{Field, State};
 
 /// A swim that takes longer than this counts as a fall.
@@ -38,7 +40,7 @@ pub struct Action {
 /// Local error of the stance integrator: what a step may leave out of a velocity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tolerance {
-    velocity_m_s: f64,
+    pub(super) velocity_m_s: f64,
 }
 
 impl Tolerance {
@@ -174,6 +176,7 @@ impl Hopper {
         let elongation = Elongation {
             rest_length_m: self.rest_length_m,
             max_m: self.max_elongation_m,
+            start_m: 0.0,
             rate_m_s: action.rs_m_s.max(0.0),
         };
         let (mut t_s, mut x_m, mut y_m) = (0.0, 0.0, start.y_m);
@@ -198,8 +201,8 @@ impl Hopper {
                 hop.touchdown = Some(Touchdown { t_s, x_foot_m });
             }
             let touchdown = State {
-                place_m: reach_m,
-                velocity_m_s: [touchdown_vx_m_s, -drop.speed_m_s],
+                place_m: Pair(reach_m),
+                velocity_m_s: Pair([touchdown_vx_m_s, -drop.speed_m_s]),
             };
             let end = punt(
                 &self.field,
@@ -267,7 +270,7 @@ impl Field {
         let p = leg.parameters();
         Self {
             spring_per_s2: p.stiffness_n_m / (p.mass_kg + p.added_mass_kg),
-            drag_per_m: [swim.drag_x_per_m, swim.drag_y_per_m],
+            drag_per_m: Pair([swim.drag_x_per_m, swim.drag_y_per_m]),
             net_gravity_m_s2: swim.net_gravity_m_s2,
         }
     }

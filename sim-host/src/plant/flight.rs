@@ -42,7 +42,6 @@ pub(super) struct Drop {
     pub(super) speed_m_s: f64,
 }
 
-#[allow(dead_code)] // `vertical` is for the tick-level plant, which comes next.
 impl Swim {
     pub(super) fn new(leg: &Leg, medium: Medium) -> Self {
         let p = leg.parameters();
@@ -134,6 +133,12 @@ impl Swim {
             t_s,
             speed_m_s: end_m_s,
         })
+    }
+
+    /// When the vertical velocity passes 0; `None` where it does not.
+    pub(super) fn turn_s(&self, vy_m_s: f64) -> Option<f64> {
+        let t_s = vy_m_s / self.net_gravity_m_s2 * atan_over(vy_m_s * self.slowness_s_m);
+        (t_s > 0.0 && t_s.is_finite()).then_some(t_s)
     }
 
     /// Vertical way (upwards) and velocity after `t_s`.

@@ -1,0 +1,227 @@
+//! Who plays which part in a domain, and on what terms.
+//!
+//! Each part has a card: a file in the domain's folder, locked by the process
+//! that plays it. The lock makes a second player impossible and tells the
+//! living from the dead; the text tells the peer what this side speaks, before
+//! the first message. A process that leaves takes its card along; one that is
+//! killed leaves the card behind, unlocked.
+
+use std::fmt;
+use std::fs::{self, File, TryLockError};
+use std::io::{self, Read, Seek, Write};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use super::domain::{Domain, still_named};
+use crate::wire::WIRE_VERSION;
+
+/// The two parts in a domain.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Role {
+    /// Plays or drives the leg: the simulator.
+    Leg,
+    /// Commands it.
+    Controller,
+}
+
+impl Role {
+    /// Its name in files and ports.
+    pub(super) fn as_str(self) -> &'static str {
+        match self {
+            Self::Leg => "leg",
+            Self::Controller => "controller",
+        }
+    }
+
+    /// The command that starts it.
+    #[must_use]
+    pub fn start_hint(self) -> &'static str {
+        match self {
+            Self::Leg => "sim-host run",
+            Self::Controller => "controller --policy FILE",
+        }
+    }
+}
+
+impl fmt::Display for Role {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Leg => "simulator",
+            Self::Controller => "controller",
+        })
+    }
+}
+
+/// What both sides must agree on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Terms {
+    /// Version of the messages.
+    pub wire_version: u16,
+    /// Ticks a second.
+    pub rate_hz: u32,
+}
+
+impl Terms {
+    /// This build's messages, at `rate_hz`.
+    #[must_use]
+    pub fn at(rate_hz: u32) -> Self {
+        Self { wire_version: WIRE_VERSION, rate_hz }
+    }
+}
+
+/// What stands on a card.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Card {
+    pub(super) pid: u32,
+    pub(super) terms: Terms,
+}
+
+impl Card {
+    fn text(self) -> String {
+        let Terms { wire_version, rate_hz } = self.terms;
+        format!("pid {}\nwire {wire_version}\nrate_hz {rate_hz}\n", self.pid)
+    }
+
+    /// `None` while it is being written, or when it is of a kind unknown here.
+    fn parse(text: &str) -> Option<Self> {
+        let field =
+            |name: &str| text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(' '));
+        Some(Self {
+            pid: field("pid")?.parse().ok()?,
+            terms: Terms {
+                wire_version: field("wire")?.parse().ok()?,
+                rate_hz: field("rate_hz")?.parse().ok()?,
+            },
+        })
+    }
+}
+
+/// What the card of a role says about it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Presence {
+    /// Nobody plays it.
+    Absent,
+    /// Its player was killed.
+    Dead,
+    /// Somebody does; the card may not be written yet.
+    Alive(Option<Card>),
+}
+
+fn path(domain: &Domain, role: Role) -> PathBuf {
+    domain.root().join(format!("{}.card", role.as_str()))
+}
+
+/// Looks at the card of `role`.
+pub(super) fn presence(domain: &Domain, role: Role) -> io::Result<Presence> {
+    look(&path(domain, role))
+}
+
+fn look(path: &Path) -> io::Result<Presence> {
+    let mut file = match File::open(path) {
+        Err(cause) if cause.kind() == io::ErrorKind::NotFound => return Ok(Presence::Absent),
+        file => file?,
+    };
+    match file.try_lock_shared() {
+        Ok(()) if still_named(&file, path) => Ok(Presence::Dead),
+        Ok(()) => Ok(Presence::Absent),
+        Err(TryLockError::WouldBlock) => {
+            let mut text = String::new();
+            file.read_to_string(&mut text)?;
+            Ok(Presence::Alive(Card::parse(&text)))
+        }
+        Err(TryLockError::Error(cause)) => Err(cause),
+    }
+}
+
+/// A role held by this process; given up when dropped.
+#[derive(Debug)]
+pub(super) struct Held {
+    file: File,
+    path: PathBuf,
+}
+
+/// Why a role could not be had.
+#[derive(Debug)]
+pub(super) enum Refusal {
+    /// Somebody plays it; their process, when the card says.
+    Taken(Option<u32>),
+    /// The file system refused.
+    Io(io::Error),
+}
+
+impl From<io::Error> for Refusal {
+    fn from(cause: io::Error) -> Self {
+        Self::Io(cause)
+    }
+}
+
+/// Takes `role`, if nobody has it.
+pub(super) fn take(domain: &Domain, role: Role, terms: Terms) -> Result<Held, Refusal> {
+    // A peer that looks at a card locks it for an instant: only a lock that stays is an owner.
+    const TRIES: u32 = 10;
+    let path = path(domain, role);
+    for _ in 0..TRIES {
+        let mut file =
+            File::options().create(true).truncate(false).read(true).write(true).open(&path)?;
+        match file.try_lock() {
+            Ok(()) if still_named(&file, &path) => {
+                let card = Card { pid: std::process::id(), terms };
+                file.set_len(0)?;
+                file.rewind()?;
+                file.write_all(card.text().as_bytes())?;
+                return Ok(Held { file, path });
+            }
+            Ok(()) => (),
+            Err(TryLockError::WouldBlock) => std::thread::sleep(Duration::from_millis(5)),
+            Err(TryLockError::Error(cause)) => return Err(cause.into()),
+        }
+    }
+    Err(Refusal::Taken(match look(&path)? {
+        Presence::Alive(card) => card.map(|card| card.pid),
+        _ => None,
+    }))
+}
+
+impl Drop for Held {
+    fn drop(&mut self) {
+        // First the name, then the lock: whoever sees the name unlocked sees a death.
+        let _ = fs::remove_file(&self.path);
+        let _ = self.file.unlock();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_role_has_one_player_and_shows_whether_it_lives() {
+        let dir = tempfile::tempdir().unwrap();
+        let domain = Domain::join_in(dir.path(), "d").unwrap();
+        let look = || presence(&domain, Role::Leg).unwrap();
+        assert_eq!(look(), Presence::Absent);
+
+        let held = take(&domain, Role::Leg, Terms::at(1000)).unwrap();
+        let card = Card { pid: std::process::id(), terms: Terms::at(1000) };
+        assert_eq!(look(), Presence::Alive(Some(card)));
+        let second = take(&domain, Role::Leg, Terms::at(500));
+        assert!(matches!(second, Err(Refusal::Taken(Some(pid))) if pid == card.pid));
+        assert!(take(&domain, Role::Controller, Terms::at(1000)).is_ok());
+        drop(held);
+        assert_eq!(look(), Presence::Absent);
+
+        // As a killed process leaves it.
+        fs::write(path(&domain, Role::Leg), card.text()).unwrap();
+        assert_eq!(look(), Presence::Dead);
+        let held = take(&domain, Role::Leg, Terms::at(500)).unwrap();
+        assert!(matches!(look(), Presence::Alive(Some(card)) if card.terms.rate_hz == 500));
+        drop(held);
+    }
+
+    #[test]
+    fn a_card_half_written_is_not_yet_one() {
+        assert_eq!(Card::parse(""), None);
+        assert_eq!(Card::parse("pid 12\nwire 1\n"), None);
+        assert_eq!(Card::parse("pid x\nwire 1\nrate_hz 1000\n"), None);
+    }
+}

@@ -1,0 +1,186 @@
+//! The `controller` command line.
+//!
+//! Exit status 0 when the run ended in good order, 2 for what the user must
+//! change (a bad blob, a bad rate), 1 for anything else.
+
+use std::fmt;
+use std::io;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use super::blob::{BlobError, PolicyBlob};
+use super::domain::{DEFAULT_DOMAIN, Domain, DomainError};
+use super::serve::{ServeError, serve};
+use super::shm::{ConnectError, ShmController};
+use super::{Role, Stop, Terms};
+use crate::control::{Config, ConfigError, Controller};
+use crate::guard::Counts;
+
+/// Longest patience that `--timeout` accepts, s.
+const MAX_TIMEOUT_S: f64 = 86_400.0;
+/// A peer that is not there by then is worth a word.
+pub const SAY_AFTER: Duration = Duration::from_secs(1);
+
+/// Runs a policy on a leg: a command for every sample, in lock-step.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// The policy blob to run.
+    #[arg(long, value_name = "FILE")]
+    pub policy: PathBuf,
+    /// Ticks a second; the simulator's must be the same.
+    #[arg(long, value_name = "HZ", default_value_t = 1000)]
+    pub rate: u32,
+    /// Gravity where the leg is, m/s2 (the density estimate needs it).
+    #[arg(long, value_name = "M_S2", default_value_t = 9.81)]
+    pub gravity: f32,
+    /// Where to find the simulator.
+    #[command(flatten)]
+    pub meeting: Meeting,
+}
+
+/// Where two processes meet, and how long one waits for the other.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Meeting {
+    /// Only processes of the same domain see each other [default: default].
+    #[arg(long, value_name = "NAME")]
+    pub domain: Option<String>,
+    /// How long to wait for a missing or silent peer, s.
+    #[arg(long, value_name = "S", default_value = "10", value_parser = parse_timeout)]
+    pub timeout: Duration,
+}
+
+impl Meeting {
+    /// The domain to meet in.
+    #[must_use]
+    pub fn domain(&self) -> &str {
+        self.domain.as_deref().unwrap_or(DEFAULT_DOMAIN)
+    }
+}
+
+/// Reads a waiting time in seconds.
+///
+/// # Errors
+/// A message with the value and its limits.
+fn parse_timeout(text: &str) -> Result<Duration, String> {
+    match text.parse::<f64>() {
+        Ok(s) if s > 0.0 && s <= MAX_TIMEOUT_S => Ok(Duration::from_secs_f64(s)),
+        _ => Err(format!("it must be a number of seconds, above 0 and at most {MAX_TIMEOUT_S}")),
+    }
+}
+
+/// Why the controller did not run to the end.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CliError {
+    /// There is no policy to run.
+    #[error(transparent)]
+    Policy(#[from] BlobError),
+    /// A rate or gravity out of range.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// A signal handler could not be set.
+    #[error("cannot listen to signals: {0}")]
+    Signals(io::Error),
+    /// No simulator, or not a fitting one.
+    #[error(transparent)]
+    Connect(#[from] ConnectError),
+    /// The run broke off.
+    #[error(transparent)]
+    Serve(#[from] ServeError),
+}
+
+impl CliError {
+    /// Whether the user must change the call, not only call again.
+    fn is_misuse(&self) -> bool {
+        matches!(
+            self,
+            Self::Policy(_)
+                | Self::Config(_)
+                | Self::Connect(ConnectError::Domain(DomainError::Name(_)))
+        )
+    }
+}
+
+impl From<DomainError> for CliError {
+    fn from(cause: DomainError) -> Self {
+        Self::Connect(cause.into())
+    }
+}
+
+/// What a run came to.
+#[derive(Clone, Debug)]
+pub struct Summary {
+    /// Name of the policy.
+    pub policy: String,
+    /// Samples answered.
+    pub ticks: u64,
+    /// Apexes in the last epoch.
+    pub apexes: u32,
+    /// What the guard rejected in the last epoch.
+    pub counts: Counts,
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { policy, ticks, apexes, counts } = self;
+        write!(f, "policy {policy}: {ticks} ticks, {apexes} apexes, ")?;
+        write!(f, "{} samples rejected", counts.rejected())?;
+        for (kind, count) in counts.by_kind().into_iter().filter(|(_, count)| *count > 0) {
+            write!(f, ", {count} {kind}")?;
+        }
+        match counts.safe_entered {
+            0 => Ok(()),
+            times => write!(f, "; safe state entered {times} times"),
+        }
+    }
+}
+
+/// Runs the controller until the simulator's run is over.
+///
+/// # Errors
+/// [`CliError`], with what to do about it.
+pub fn run(args: &Args) -> Result<Summary, CliError> {
+    let config = Config::at_rate(args.rate)?.with_gravity(args.gravity)?;
+    let blob = PolicyBlob::read(&args.policy)?;
+    let policy = blob.policy()?;
+    let name = policy.manifest().name.to_owned();
+    let mut controller = Controller::new(policy, config);
+
+    let stop = Stop::on_signals().map_err(CliError::Signals)?;
+    let timeout = args.meeting.timeout;
+    let domain = Domain::join(args.meeting.domain())?;
+    let terms = Terms::at(args.rate);
+    let mut said = false;
+    let mut link = ShmController::connect_watching(&domain, terms, timeout, &stop, |missing| {
+        if !said && missing.waited >= SAY_AFTER {
+            said = true;
+            eprintln!("{}: {missing}; still waiting", Role::Controller);
+        }
+        true
+    })?;
+
+    let mut apexes = 0;
+    let ticks = serve(&mut link, timeout, |sample| {
+        let command = controller.tick(Some(sample));
+        apexes = command.apexes;
+        command
+    })?;
+    Ok(Summary { policy: name, ticks, apexes, counts: *controller.counts() })
+}
+
+/// The whole program after its arguments: runs, reports, and gives the exit
+/// status.
+#[must_use]
+pub fn main(args: &Args) -> ExitCode {
+    match run(args) {
+        Ok(summary) => {
+            println!("{}: {summary}", Role::Controller);
+            ExitCode::SUCCESS
+        }
+        Err(error) => {
+            eprintln!("{}: {error}", Role::Controller);
+            ExitCode::from(if error.is_misuse() { 2 } else { 1 })
+        }
+    }
+}

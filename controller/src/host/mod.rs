@@ -1,0 +1,28 @@
+//! The controller on a host: links to a leg, and the `controller` process.
+//!
+//! Everything above [`link`] sees only the [`Link`] trait; a fault injector, a
+//! recorder or a probe wraps one link and is another. Below it are the
+//! transports: [`memory`] within a process, [`shm`] between two (iceoryx2
+//! shared memory). All pass the same [`conformance`] suite.
+//!
+//! Two processes find each other by the name of a [`domain`], in which each
+//! plays one [`card::Role`].
+
+pub mod blob;
+pub mod card;
+pub mod cli;
+pub mod conformance;
+pub mod domain;
+pub mod link;
+pub mod memory;
+mod payload;
+pub mod serve;
+pub mod shm;
+pub mod stop;
+mod wait;
+
+pub use card::{Role, Terms};
+pub use domain::Domain;
+pub use link::{ControllerLink, LegLink, Link, LinkError};
+pub use payload::Message;
+pub use stop::Stop;

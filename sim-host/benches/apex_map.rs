@@ -1,0 +1,54 @@
+//! Time of one hop, over the golden cases: `cargo bench -p sim-host --bench apex_map`.
+//!
+//! An iteration takes all 1,200 cases, leg and medium prepared; criterion's throughput is
+//! hops per second. `hopper_and_hop` prepares them too, as a trainer with a medium per
+//! episode does.
+
+#[path = "../tests/common/mod.rs"]
+mod common;
+
+use std::hint::black_box;
+
+use common::{Case, GOLDEN, for_each_row};
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use sim_host::plant::{Hopper, Tolerance};
+
+fn cases() -> Vec<Case> {
+    let mut cases = Vec::new();
+    for_each_row(GOLDEN, |row| cases.push(Case::of(row)));
+    cases
+}
+
+fn apex_map(c: &mut Criterion) {
+    let cases = cases();
+    let mut group = c.benchmark_group("apex_map");
+    group.throughput(Throughput::Elements(cases.len() as u64));
+    for (name, tolerance) in [
+        ("golden", Tolerance::GOLDEN),
+        ("training", Tolerance::TRAINING),
+    ] {
+        let hoppers: Vec<_> = cases
+            .iter()
+            .map(|case| Hopper::new(&case.leg, case.medium).with_tolerance(tolerance))
+            .collect();
+        group.bench_function(name, |b| {
+            b.iter(|| {
+                for (hopper, case) in hoppers.iter().zip(&cases) {
+                    black_box(hopper.hop(black_box(case.start), black_box(case.action)));
+                }
+            });
+        });
+    }
+    group.bench_function("hopper_and_hop", |b| {
+        b.iter(|| {
+            for case in &cases {
+                let hopper = Hopper::new(black_box(&case.leg), black_box(case.medium));
+                black_box(hopper.hop(black_box(case.start), black_box(case.action)));
+            }
+        });
+    });
+    group.finish();
+}
+
+criterion_group!(benches, apex_map);
+criterion_main!(benches);

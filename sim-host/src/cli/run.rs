@@ -1,0 +1,138 @@
+//! `sim-host run`.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use controller::control::{Config, Controller};
+use controller::host::blob::PolicyBlob;
+use controller::host::cli::{Meeting as MeetingArgs, SAY_AFTER};
+use controller::host::domain::DomainError;
+use controller::host::memory::Inline;
+use controller::host::shm::ConnectError;
+use controller::host::{Role, Stop};
+
+use super::Failure;
+use crate::scenario::{self, Scenario, Settings};
+use crate::session::child::ControllerCall;
+use crate::session::lock_step::{self, Ending, Options, Outcome};
+use crate::session::two_processes::{self, Meeting, PlayError};
+
+/// Plays a scenario to a controller, in lock-step.
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// What to play, as TOML; flags win over it.
+    #[arg(long, value_name = "FILE")]
+    scenario: Option<PathBuf>,
+    #[command(flatten)]
+    settings: Settings,
+    #[command(flatten)]
+    meeting: MeetingArgs,
+    /// Start the controller too, in a process and a domain of its own.
+    #[arg(long, requires = "policy", conflicts_with = "in_process")]
+    spawn: bool,
+    /// Run the controller in this process, without shared memory.
+    #[arg(long, requires = "policy")]
+    in_process: bool,
+    /// The policy that --spawn or --in-process runs.
+    #[arg(long, value_name = "FILE")]
+    policy: Option<PathBuf>,
+    /// Print the result as one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn main(args: Args) -> Result<ExitCode, Failure> {
+    let scenario =
+        scenario::load(args.scenario.as_deref(), args.settings).map_err(Failure::misuse)?;
+    let outcome = match &args.policy {
+        Some(policy) if args.in_process => in_process(&scenario, policy)?,
+        None | Some(_) => {
+            let policy = args.policy.filter(|_| args.spawn);
+            over_shared_memory(&scenario, &args.meeting, policy)?
+        }
+    };
+    if args.json {
+        println!("{}", serde_json::to_string(&outcome.report()).map_err(Failure::failed)?);
+    } else {
+        print_summary(&outcome);
+    }
+    if outcome.ending == Ending::Fall {
+        eprintln!("sim-host: the leg fell at x = {:.2} m", outcome.body.x_m);
+        return Ok(ExitCode::from(1));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn in_process(scenario: &Scenario, policy: &Path) -> Result<Outcome, Failure> {
+    let blob = PolicyBlob::read(policy).map_err(Failure::misuse)?;
+    let policy = blob.policy().map_err(Failure::misuse)?;
+    let config = Config::at_rate(scenario.rate_hz)
+        .and_then(|config| config.with_gravity(scenario.gravity_m_s2 as f32))
+        .map_err(Failure::misuse)?;
+    let mut controller = Controller::new(policy, config);
+    let mut link = Inline::new(|sample| controller.tick(Some(sample)));
+    lock_step::run(scenario, &mut link, Options::default(), |_| ()).map_err(Failure::failed)
+}
+
+fn over_shared_memory(
+    scenario: &Scenario,
+    meeting: &MeetingArgs,
+    spawn: Option<PathBuf>,
+) -> Result<Outcome, Failure> {
+    let domain = match (&meeting.domain, &spawn) {
+        // Of its own: so that runs that start their controller never meet.
+        (None, Some(_)) => format!("run-{}", std::process::id()),
+        _ => meeting.domain().to_owned(),
+    };
+    let timeout = meeting.timeout;
+    let start = spawn.map(|policy| ControllerCall {
+        policy: Some(policy),
+        rate_hz: scenario.rate_hz,
+        gravity_m_s2: scenario.gravity_m_s2,
+        domain: domain.clone(),
+        timeout,
+    });
+    let quiet = start.is_some();
+    let stop = Stop::on_signals().map_err(Failure::failed)?;
+    let mut said = false;
+    let tell = |missing: &controller::host::shm::Missing| {
+        if !(said || quiet) && missing.waited >= SAY_AFTER {
+            said = true;
+            eprintln!("sim-host: {missing}; still waiting");
+        }
+    };
+    let meeting = Meeting { domain, timeout, start };
+    two_processes::play(scenario, &meeting, &stop, tell, |_| ()).map_err(|error| match &error {
+        PlayError::Connect(ConnectError::Domain(DomainError::Name(_))) => Failure::misuse(error),
+        PlayError::Controller(status) if status.code() == Some(2) => Failure::misuse(error),
+        _ => Failure::failed(error),
+    })
+}
+
+fn print_summary(outcome: &Outcome) {
+    let report = outcome.report();
+    let ending = match outcome.ending {
+        Ending::Duration => "time over",
+        Ending::Distance => "distance reached",
+        Ending::Fall => "fell",
+    };
+    println!(
+        "{ending} after {:.3} s ({} ticks), {:.3} m",
+        report.sim_time_s, report.ticks, report.distance_m
+    );
+    println!(
+        "hops {}, apexes {}, falls {}, ticks in the safe state {}",
+        report.hops, report.apexes, report.falls, report.safe_ticks
+    );
+    let us = report.round_trip_us;
+    println!(
+        "{:.0} ticks/s; {} round trip p50 {:.2} us, p99 {:.2} us, p99.9 {:.2} us, max {:.1} us",
+        report.ticks_per_s,
+        Role::Controller,
+        us.p50,
+        us.p99,
+        us.p99_9,
+        us.max
+    );
+    println!("state hash {}", report.state_hash);
+}

@@ -1,0 +1,168 @@
+//! Finding the moment at which something happens.
+
+/// Value and slope of a function at one place.
+pub(super) type Edge = (f64, f64);
+
+/// Where a smooth function that is known at 0 and at `width` first changes its sign in between.
+///
+/// A function that starts at exactly 0 has just had its event: what counts then is the sign
+/// that it takes. Two crossings within the width cancel in the signs at its ends; they are
+/// found where the slopes at the ends betray an extremum in between.
+pub(super) fn first_crossing(
+    start: Edge,
+    end: Edge,
+    width: f64,
+    f: impl Fn(f64) -> Edge,
+) -> Option<f64> {
+    let sense = if start.0 == 0.0 { start.1 } else { start.0 };
+    if sense == 0.0 {
+        return None;
+    }
+    let upright = |(value, slope): Edge| (value.copysign(value * sense), slope * sense.signum());
+    let (start, end) = (upright(start), upright(end));
+    if end.0 <= 0.0 {
+        let guess = guess(start, end, width);
+        return Some(refine(|t| upright(f(t)), 0.0, width, guess));
+    }
+    // Down at the start and up at the end: where the tangents meet is about as low as it gets.
+    if start.1 < 0.0 && end.1 > 0.0 {
+        let meet = (end.0 - start.0 - end.1 * width) / (start.1 - end.1);
+        if start.0 + start.1 * meet > 0.0 {
+            return None;
+        }
+        let (mut a, mut b) = (0.0, width);
+        for _ in 0..50 {
+            let t = 0.5 * (a + b);
+            let (value, slope) = upright(f(t));
+            if value <= 0.0 {
+                return Some(refine(|t| upright(f(t)), a, t, 0.5 * (a + t)));
+            }
+            if slope < 0.0 {
+                a = t;
+            } else {
+                b = t;
+            }
+        }
+    }
+    None
+}
+
+/// The root of the cubic through both ends, roughly.
+fn guess(start: Edge, end: Edge, width: f64) -> f64 {
+    let (d0, d1) = (start.1 * width, end.1 * width);
+    let rise = end.0 - start.0;
+    let (square, cube) = (3.0 * rise - 2.0 * d0 - d1, d0 + d1 - 2.0 * rise);
+    let mut part = if start.0 == 0.0 {
+        0.75
+    } else {
+        -start.0 / rise
+    };
+    for _ in 0..3 {
+        let value = ((cube * part + square) * part + d0) * part + start.0;
+        let slope = (3.0 * cube * part + 2.0 * square) * part + d0;
+        part -= value / slope;
+    }
+    part * width
+}
+
+/// The root in `[a, b]` of a function above 0 just after `a` and not at `b`, by Newton's
+/// method; bisection takes over where that leaves the bracket.
+fn refine(f: impl Fn(f64) -> Edge, mut a: f64, mut b: f64, guess: f64) -> f64 {
+    let accuracy = 1e-9 * (b - a);
+    let mut t = guess;
+    for _ in 0..100 {
+        if !(t > a && t < b) {
+            t = 0.5 * (a + b);
+        }
+        let (value, slope) = f(t);
+        if value > 0.0 {
+            a = t;
+        } else {
+            b = t;
+        }
+        let step = value / slope;
+        // The next error is about the square of this step.
+        if step.abs() <= accuracy || b - a <= 2.0 * f64::EPSILON * b {
+            return (t - step).clamp(a, b);
+        }
+        t -= step;
+    }
+    t
+}
+
+/// The root in `[a, b]` of a continuous function that is above 0 at `a` and not at `b`: false
+/// position in the Illinois variant, with a bisection whenever it stalls.
+pub(super) fn falling_root(f: impl Fn(f64) -> f64, mut a: f64, mut b: f64) -> f64 {
+    let (mut at_a, mut at_b) = (f(a), f(b));
+    if at_a <= 0.0 {
+        return a;
+    }
+    for round in 0..200 {
+        let width = b - a;
+        if at_b == 0.0 || width <= 2.0 * f64::EPSILON * b.abs() {
+            break;
+        }
+        let secant = b - at_b * width / (at_b - at_a);
+        let t = if round % 8 == 7 || !(secant > a && secant < b) {
+            a + 0.5 * width
+        } else {
+            secant
+        };
+        if t <= a || t >= b {
+            break;
+        }
+        let at_t = f(t);
+        if at_t > 0.0 {
+            (a, at_a) = (t, at_t);
+            at_b *= 0.5;
+        } else {
+            (b, at_b) = (t, at_t);
+            at_a *= 0.5;
+        }
+    }
+    b
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// (t - 0.3)(t - 0.35)(t - 0.9)
+    fn cubic(t: f64) -> Edge {
+        (
+            ((t - 1.55) * t + 0.69) * t - 0.0945,
+            (3.0 * t - 3.1) * t + 0.69,
+        )
+    }
+
+    fn first_of_cubic(width: f64) -> Option<f64> {
+        first_crossing(cubic(0.0), cubic(width), width, cubic)
+    }
+
+    #[test]
+    fn finds_the_first_of_several_roots() {
+        assert!((first_of_cubic(0.32).unwrap() - 0.3).abs() < 1e-14);
+        // Here the signs at both ends are the same.
+        assert!((first_of_cubic(0.4).unwrap() - 0.3).abs() < 1e-14);
+        assert_eq!(first_of_cubic(0.29), None);
+    }
+
+    #[test]
+    fn a_root_at_the_start_has_been() {
+        let hump = |t: f64| (t - 0.5 * t * t, 1.0 - t);
+        let root = first_crossing(hump(0.0), hump(5.0), 5.0, hump).unwrap();
+        assert!((root - 2.0).abs() < 1e-14);
+        assert_eq!(first_crossing(hump(0.0), hump(1.9), 1.9, hump), None);
+        assert_eq!(
+            first_crossing((0.0, 0.0), (0.0, 0.0), 1.0, |_| (0.0, 0.0)),
+            None
+        );
+    }
+
+    #[test]
+    fn falling_roots_are_found_to_the_last_bits() {
+        let root = falling_root(|t| 2.0 - t * t * t, 0.0, 10.0);
+        assert!((root - 2f64.cbrt()).abs() < 1e-15);
+        assert_eq!(falling_root(|_| -1.0, 0.5, 1.0), 0.5);
+    }
+}

@@ -1,0 +1,347 @@
+//! What a run is: leg, medium, set-point, start and end, checked.
+//!
+//! A scenario comes from a TOML file, from flags, or from both (the flags
+//! win). Every value that cannot be is refused with its name, its value and
+//! the limit.
+
+mod profile;
+mod settings;
+
+use std::fmt;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use controller::control::RATE_HZ;
+use controller::guard::Limits;
+use rand_pcg::Pcg64Mcg;
+use rand_pcg::rand_core::{Rng, SeedableRng};
+
+pub use profile::{Profile, SetPointCursor, SetPointStep, SetPoints};
+pub use settings::{DensitySense, LegPreset, MediumPreset, Points, Settings, StartSettings, Steps};
+
+use crate::plant::{Body, Leg, Medium};
+
+/// Longest run, s.
+const MAX_DURATION_S: f64 = 86_400.0;
+const DEFAULT_DURATION_S: f64 = 60.0;
+const DEFAULT_RATE_HZ: u32 = 1000;
+/// Farthest end, and farthest start, m.
+const MAX_DISTANCE_M: f64 = 1e6;
+const MAX_GRAVITY_M_S2: f64 = 100.0;
+
+/// A run, ready to be played.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scenario {
+    /// Ticks a second.
+    pub rate_hz: u32,
+    /// The run ends after this time, s.
+    pub duration_s: f64,
+    /// And at this distance from its start, m.
+    pub distance_m: Option<f64>,
+    /// The leg.
+    pub leg: Leg,
+    /// Density ratio of the medium along x, m.
+    pub density: Profile,
+    /// Gravity, m/s2.
+    pub gravity_m_s2: f64,
+    /// How the controller learns the density.
+    pub density_sense: DensitySense,
+    /// The velocity asked for.
+    pub set_points: SetPoints,
+    /// The state at the start, its spread applied.
+    pub start: Body,
+}
+
+impl Scenario {
+    /// The shore: out of the sea onto land, from rest, the density estimated.
+    #[must_use]
+    pub fn shore() -> Self {
+        let settings = Settings::from_toml(include_str!("../../scenarios/shore.toml"))
+            .expect("the shore's file is part of the program, and tested");
+        Self::from_settings(&settings).expect("as above")
+    }
+
+    /// Time between two ticks, s.
+    #[must_use]
+    pub fn tick_s(&self) -> f64 {
+        1.0 / f64::from(self.rate_hz)
+    }
+
+    /// Ticks in the longest run.
+    #[must_use]
+    pub fn ticks(&self) -> u64 {
+        (self.duration_s * f64::from(self.rate_hz)).ceil() as u64
+    }
+
+    /// The medium at a place.
+    #[must_use]
+    pub fn medium_at(&self, x_m: f64) -> Medium {
+        Medium::new(self.density.at(x_m), self.gravity_m_s2)
+            .expect("densities between checked ones, and a checked gravity")
+    }
+
+    /// Checks settings.
+    ///
+    /// # Errors
+    /// The first [`BadValue`].
+    pub fn from_settings(settings: &Settings) -> Result<Self, BadValue> {
+        let s = settings;
+        let leg = leg(s)?;
+        let guard = Limits::default();
+        let speed = f64::from(guard.max_speed_m_s);
+        let (medium, density) = medium(s, &guard)?;
+
+        let rate_hz = s.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
+        if !RATE_HZ.contains(&rate_hz) {
+            let limit = format!("it must be from {} to {}", RATE_HZ.start(), RATE_HZ.end());
+            return Err(BadValue::new("rate_hz", rate_hz, limit));
+        }
+        let duration_s = s.duration_s.unwrap_or(DEFAULT_DURATION_S);
+        above_zero("duration_s", duration_s, MAX_DURATION_S)?;
+        if let Some(distance_m) = s.distance_m {
+            above_zero("distance_m", distance_m, MAX_DISTANCE_M)?;
+        }
+
+        let set_points = SetPoints {
+            start_m_s: within("set_point_m_s", s.set_point_m_s.unwrap_or(0.0), [-speed, speed])?,
+            steps: s.set_point_steps.clone().unwrap_or_default(),
+        };
+        for step in &set_points.steps {
+            within("set_point_steps: m_s", step.m_s, [-speed, speed])?;
+            match (step.from_t_s, step.from_x_m) {
+                (Some(t_s), None) => {
+                    within("set_point_steps: from_t_s", t_s, [0.0, MAX_DURATION_S])
+                }
+                (None, Some(x_m)) => {
+                    within("set_point_steps: from_x_m", x_m, [-MAX_DISTANCE_M, MAX_DISTANCE_M])
+                }
+                _ => Err(BadValue::new(
+                    "set_point_steps",
+                    format!("{{ m_s = {} }}", step.m_s),
+                    "each step must have either from_t_s or from_x_m",
+                )),
+            }?;
+        }
+
+        Ok(Self {
+            rate_hz,
+            duration_s,
+            distance_m: s.distance_m,
+            leg,
+            density,
+            gravity_m_s2: medium.gravity_m_s2(),
+            density_sense: s.density.unwrap_or_default(),
+            set_points,
+            start: start(&s.start, s.seed.unwrap_or(0), &leg, &guard)?,
+        })
+    }
+}
+
+impl Settings {
+    /// Reads settings from TOML text.
+    ///
+    /// # Errors
+    /// What and where, from the TOML library.
+    pub fn from_toml(text: &str) -> Result<Self, toml::de::Error> {
+        toml::from_str(text)
+    }
+
+    /// Reads a scenario file.
+    ///
+    /// # Errors
+    /// [`ScenarioError`] naming the file.
+    pub fn from_file(path: &Path) -> Result<Self, ScenarioError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|cause| ScenarioError::Read { path: path.to_owned(), cause })?;
+        Self::from_toml(&text)
+            .map_err(|cause| ScenarioError::Toml { path: path.to_owned(), cause: Box::new(cause) })
+    }
+
+    /// These settings, with `base` where they say nothing.
+    ///
+    /// A medium, leg or set-point said here replaces the other ways of saying
+    /// it in `base`: `--medium air` also takes a file's density profile out.
+    #[must_use]
+    pub fn over(self, base: Self) -> Self {
+        let says_density =
+            self.medium.is_some() || self.density_ratio.is_some() || self.density_profile.is_some();
+        let says_gravity = self.medium.is_some() || self.gravity_m_s2.is_some();
+        let says_leg = self.leg.is_some() || self.leg_parameters.is_some();
+        let says_speed = self.set_point_m_s.is_some();
+        Self {
+            rate_hz: self.rate_hz.or(base.rate_hz),
+            duration_s: self.duration_s.or(base.duration_s),
+            distance_m: self.distance_m.or(base.distance_m),
+            seed: self.seed.or(base.seed),
+            leg: if says_leg { self.leg } else { base.leg },
+            leg_parameters: if says_leg { self.leg_parameters } else { base.leg_parameters },
+            medium: self.medium.or(base.medium),
+            density_ratio: if says_density { self.density_ratio } else { base.density_ratio },
+            density_profile: if says_density { self.density_profile } else { base.density_profile },
+            gravity_m_s2: if says_gravity { self.gravity_m_s2 } else { base.gravity_m_s2 },
+            density: self.density.or(base.density),
+            set_point_m_s: self.set_point_m_s.or(base.set_point_m_s),
+            set_point_steps: if says_speed {
+                self.set_point_steps
+            } else {
+                self.set_point_steps.or(base.set_point_steps)
+            },
+            start: StartSettings {
+                x_m: self.start.x_m.or(base.start.x_m),
+                y_m: self.start.y_m.or(base.start.y_m),
+                vx_m_s: self.start.vx_m_s.or(base.start.vx_m_s),
+                vy_m_s: self.start.vy_m_s.or(base.start.vy_m_s),
+                vx_spread_m_s: self.start.vx_spread_m_s.or(base.start.vx_spread_m_s),
+                y_spread_m: self.start.y_spread_m.or(base.start.y_spread_m),
+            },
+        }
+    }
+}
+
+fn leg(s: &Settings) -> Result<Leg, BadValue> {
+    match (s.leg, s.leg_parameters) {
+        (Some(_), Some(_)) => {
+            Err(BadValue::new("leg", "both a name and leg_parameters", "say one of the two"))
+        }
+        (Some(LegPreset::Crab), None) => Ok(Leg::crab()),
+        (Some(LegPreset::Human) | None, None) => Ok(Leg::human()),
+        (None, Some(parameters)) => Leg::new(parameters)
+            .map_err(|cause| BadValue { key: "leg_parameters", what: cause.to_string() }),
+    }
+}
+
+/// The medium's gravity, and its density along the way.
+fn medium(s: &Settings, guard: &Limits) -> Result<(Medium, Profile), BadValue> {
+    let mut medium = match s.medium {
+        Some(MediumPreset::Water) => Medium::WATER,
+        Some(MediumPreset::Air) | None => Medium::AIR,
+        Some(MediumPreset::Moon) => Medium::MOON,
+        Some(MediumPreset::Mars) => Medium::MARS,
+    };
+    if let Some(gravity) = s.gravity_m_s2 {
+        above_zero("gravity_m_s2", gravity, MAX_GRAVITY_M_S2)?;
+        medium = Medium::new(medium.density_ratio(), gravity)
+            .map_err(|cause| BadValue { key: "gravity_m_s2", what: cause.to_string() })?;
+    }
+    let limits = guard.density_ratio.map(f64::from);
+    let density = match (s.density_ratio, &s.density_profile) {
+        (Some(_), Some(_)) => {
+            let what = "both a density_ratio and a density_profile";
+            return Err(BadValue::new("density_profile", what, "say one of the two"));
+        }
+        (Some(ratio), None) => Profile::constant(within("density_ratio", ratio, limits)?),
+        (None, Some(points)) => {
+            let profile = Profile::new(points.clone())
+                .map_err(|what| BadValue { key: "density_profile", what })?;
+            for value in profile.range() {
+                within("density_profile", value, limits)?;
+            }
+            profile
+        }
+        (None, None) => Profile::constant(medium.density_ratio()),
+    };
+    Ok((medium, density))
+}
+
+fn start(s: &StartSettings, seed: u64, leg: &Leg, guard: &Limits) -> Result<Body, BadValue> {
+    let speed = f64::from(guard.max_speed_m_s);
+    let top = f64::from(guard.height_m[1]);
+    let usual_y_m = 2.0 * leg.parameters().rest_length_m;
+    let vx_spread_m_s =
+        within("start.vx_spread_m_s", s.vx_spread_m_s.unwrap_or(0.0), [0.0, speed])?;
+    let y_spread_m = within("start.y_spread_m", s.y_spread_m.unwrap_or(0.0), [0.0, top])?;
+    let x_m = s.x_m.unwrap_or(0.0);
+    let vx_m_s = within("start.vx_m_s", s.vx_m_s.unwrap_or(0.0), [-speed, speed])?;
+    let y_m = s.y_m.unwrap_or(usual_y_m);
+    above_zero("start.y_m", y_m, top)?;
+    let mut rng = Pcg64Mcg::seed_from_u64(seed);
+    let mut unit = || (rng.next_u64() >> 11) as f64 * (1.0 / (1_u64 << 53) as f64);
+    Ok(Body {
+        x_m: within("start.x_m", x_m, [-MAX_DISTANCE_M, MAX_DISTANCE_M])?,
+        vx_m_s: vx_m_s + vx_spread_m_s * (2.0 * unit() - 1.0),
+        y_m: y_m + y_spread_m * unit(),
+        vy_m_s: within("start.vy_m_s", s.vy_m_s.unwrap_or(0.0), [-speed, speed])?,
+    })
+}
+
+fn within(key: &'static str, value: f64, [low, high]: [f64; 2]) -> Result<f64, BadValue> {
+    if value >= low && value <= high {
+        Ok(value)
+    } else {
+        Err(BadValue::new(key, value, format!("it must be from {low} to {high}")))
+    }
+}
+
+fn above_zero(key: &'static str, value: f64, high: f64) -> Result<(), BadValue> {
+    if value > 0.0 && value <= high {
+        Ok(())
+    } else {
+        Err(BadValue::new(key, value, format!("it must be above 0 and at most {high}")))
+    }
+}
+
+/// A setting that cannot be.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{key}: {what}")]
+pub struct BadValue {
+    /// The setting, by its name in a scenario file.
+    pub key: &'static str,
+    /// Its value, and the limit.
+    pub what: String,
+}
+
+impl BadValue {
+    fn new(key: &'static str, value: impl fmt::Display, limit: impl fmt::Display) -> Self {
+        Self { key, what: format!("{value}: {limit}") }
+    }
+}
+
+/// Why there is no scenario.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ScenarioError {
+    /// The file cannot be read.
+    #[error("cannot read the scenario {}: {cause}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        cause: io::Error,
+    },
+    /// The file is not TOML, or has a key or a type that does not belong there.
+    #[error("{}: {cause}", path.display())]
+    Toml {
+        /// The file.
+        path: PathBuf,
+        /// What and where.
+        cause: Box<toml::de::Error>,
+    },
+    /// A value out of its range.
+    #[error("{origin}: {cause}")]
+    Value {
+        /// The file, or the command line.
+        origin: String,
+        /// Which.
+        cause: BadValue,
+    },
+}
+
+/// A scenario from a file, flags, or both.
+///
+/// # Errors
+/// [`ScenarioError`], naming the file or the command line.
+pub fn load(file: Option<&Path>, flags: Settings) -> Result<Scenario, ScenarioError> {
+    let mut settings = flags;
+    if let Some(path) = file {
+        let base = Settings::from_file(path)?;
+        // Alone, so that what is wrong in the file is said of the file.
+        Scenario::from_settings(&base)
+            .map_err(|cause| ScenarioError::Value { origin: path.display().to_string(), cause })?;
+        settings = settings.over(base);
+    }
+    Scenario::from_settings(&settings)
+        .map_err(|cause| ScenarioError::Value { origin: "command line".to_owned(), cause })
+}
+
+#[cfg(test)]
+mod tests;

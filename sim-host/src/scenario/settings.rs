@@ -1,0 +1,184 @@
+//! What a user may say about a run, in a TOML file or as flags. All of it is
+//! optional; the flags win. [`super::Scenario`] is what has been checked.
+
+use clap::ValueEnum;
+use serde::{Deserialize, Serialize};
+
+use super::profile::SetPointStep;
+use crate::plant::LegParameters;
+
+/// A leg by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum LegPreset {
+    /// Human size, 80 kg.
+    Human,
+    /// Crab size, 74 g.
+    Crab,
+}
+
+/// A medium by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum MediumPreset {
+    /// Water on Earth.
+    Water,
+    /// Air on Earth, its density neglected.
+    Air,
+    /// The surface of the Moon.
+    Moon,
+    /// The surface of Mars.
+    Mars,
+}
+
+/// How the controller learns the density of the medium.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum DensitySense {
+    /// By its own estimate.
+    #[default]
+    Estimated,
+    /// The leg measures it.
+    Told,
+}
+
+/// The settings of a run, unchecked.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, clap::Args)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// Ticks a second; the controller's must be the same [default: 1000].
+    #[arg(long = "rate", value_name = "HZ")]
+    pub rate_hz: Option<u32>,
+    /// Simulated time after which the run ends, s [default: 60].
+    #[arg(long = "duration", value_name = "S")]
+    pub duration_s: Option<f64>,
+    /// Distance from the start at which the run ends, m [default: none].
+    #[arg(long = "distance", value_name = "M")]
+    pub distance_m: Option<f64>,
+    /// Seed of what is random: the start, within its spreads [default: 0].
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+
+    /// Leg by name [default: human].
+    #[arg(long, value_name = "NAME")]
+    pub leg: Option<LegPreset>,
+    /// Every parameter of a leg; in a scenario file only, instead of `leg`.
+    #[arg(skip)]
+    pub leg_parameters: Option<LegParameters>,
+
+    /// Medium by name [default: air].
+    #[arg(long, value_name = "NAME")]
+    pub medium: Option<MediumPreset>,
+    /// Density of the medium over that of water, instead of the named medium's.
+    #[arg(long, value_name = "RATIO")]
+    pub density_ratio: Option<f64>,
+    /// Density ratio along the way, as x:ratio,x:ratio,… in m; linear in between.
+    #[arg(long, value_name = "PROFILE", value_parser = parse_profile)]
+    pub density_profile: Option<Points>,
+    /// Gravity, instead of the named medium's, m/s2.
+    #[arg(long = "gravity", value_name = "M_S2")]
+    pub gravity_m_s2: Option<f64>,
+    /// Whether the controller is told the density or estimates it [default: estimated].
+    #[arg(long, value_name = "HOW")]
+    pub density: Option<DensitySense>,
+
+    /// Velocity asked for, m/s [default: 0].
+    #[arg(long = "set-point", value_name = "M_S", allow_negative_numbers = true)]
+    pub set_point_m_s: Option<f64>,
+    /// Its changes, as x<m>:<m/s> or t<s>:<m/s>, separated by commas.
+    #[arg(long = "set-point-steps", value_name = "STEPS", value_parser = parse_steps)]
+    pub set_point_steps: Option<Steps>,
+
+    /// How the run begins.
+    #[command(flatten)]
+    pub start: StartSettings,
+}
+
+/// How a run begins, unchecked.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, clap::Args)]
+#[serde(deny_unknown_fields, default)]
+pub struct StartSettings {
+    /// Place at the start, m [default: 0].
+    #[arg(long = "start-x", value_name = "M", allow_negative_numbers = true)]
+    pub x_m: Option<f64>,
+    /// Height at the start, m [default: twice the leg's rest length].
+    #[arg(long = "start-y", value_name = "M")]
+    pub y_m: Option<f64>,
+    /// Horizontal velocity at the start, m/s [default: 0].
+    #[arg(long = "start-vx", value_name = "M_S", allow_negative_numbers = true)]
+    pub vx_m_s: Option<f64>,
+    /// Vertical velocity at the start, m/s [default: 0].
+    #[arg(long = "start-vy", value_name = "M_S", allow_negative_numbers = true)]
+    pub vy_m_s: Option<f64>,
+    /// The seed moves the horizontal velocity by up to this much, m/s [default: 0].
+    #[arg(long = "start-vx-spread", value_name = "M_S")]
+    pub vx_spread_m_s: Option<f64>,
+    /// The seed raises the height by up to this much, m [default: 0].
+    #[arg(long = "start-y-spread", value_name = "M")]
+    pub y_spread_m: Option<f64>,
+}
+
+/// Points of a profile. (An alias hides the list from clap, which would read
+/// it as a flag given many times.)
+pub type Points = Vec<[f64; 2]>;
+/// Changes of the set-point.
+pub type Steps = Vec<SetPointStep>;
+
+fn parse_pair(text: &str) -> Result<(&str, f64), String> {
+    let (left, right) = text.split_once(':').ok_or(format!("`{text}` has no `:`"))?;
+    let value = right.parse().map_err(|_| format!("`{right}` is not a number"))?;
+    Ok((left, value))
+}
+
+fn parse_profile(text: &str) -> Result<Points, String> {
+    let point = |text: &str| {
+        let (place, value) = parse_pair(text)?;
+        let place = place.parse().map_err(|_| format!("`{place}` is not a number"))?;
+        Ok([place, value])
+    };
+    text.split(',').map(point).collect()
+}
+
+fn parse_steps(text: &str) -> Result<Steps, String> {
+    let step = |text: &str| {
+        let (from, m_s) = parse_pair(text)?;
+        let number = |text: &str| text.parse().map_err(|_| format!("`{text}` is not a number"));
+        match (from.strip_prefix('t'), from.strip_prefix('x')) {
+            (Some(t), _) => Ok(SetPointStep { from_t_s: Some(number(t)?), from_x_m: None, m_s }),
+            (_, Some(x)) => Ok(SetPointStep { from_t_s: None, from_x_m: Some(number(x)?), m_s }),
+            _ => Err(format!("`{from}` must be t<seconds> or x<metres>")),
+        }
+    };
+    text.split(',').map(step).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_on_the_command_line() {
+        assert_eq!(parse_profile("15:1,30:0"), Ok(vec![[15.0, 1.0], [30.0, 0.0]]));
+        assert_eq!(
+            parse_steps("x30:1,t5.5:-0.5"),
+            Ok(vec![
+                SetPointStep { from_t_s: None, from_x_m: Some(30.0), m_s: 1.0 },
+                SetPointStep { from_t_s: Some(5.5), from_x_m: None, m_s: -0.5 },
+            ])
+        );
+        for bad in ["", "15", "15:", ":1", "a:1", "15:1,"] {
+            assert!(parse_profile(bad).is_err(), "{bad}");
+        }
+        for bad in ["", "30:1", "y3:1", "x:1", "t1:z"] {
+            assert!(parse_steps(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn unknown_keys_are_errors() {
+        let refused = toml::from_str::<Settings>("rat_hz = 1000").unwrap_err().to_string();
+        assert!(refused.contains("rat_hz") && refused.contains("rate_hz"), "{refused}");
+        assert!(toml::from_str::<Settings>("[start]\nz_m = 1.0").is_err());
+        assert!(toml::from_str::<Settings>("set_point_steps = [{ at = 1, m_s = 1.0 }]").is_err());
+    }
+}

@@ -1,0 +1,108 @@
+use super::*;
+
+fn refused(text: &str) -> String {
+    let settings = Settings::from_toml(text).expect("well-formed");
+    Scenario::from_settings(&settings).expect_err(text).to_string()
+}
+
+#[test]
+fn the_shore_is_as_described() {
+    let shore = Scenario::shore();
+    for (x_m, ratio) in [(-5.0, 1.0), (14.9, 1.0), (22.5, 0.5), (30.1, 0.0)] {
+        assert_eq!(shore.medium_at(x_m).density_ratio(), ratio);
+    }
+    let mut set_point = shore.set_points.begin(0.0);
+    assert_eq!((set_point.at(0.0, 0.0), set_point.at(60.0, 30.0)), (0.5, 1.0));
+    assert_eq!(shore.density_sense, DensitySense::Estimated);
+    assert_eq!((shore.start.x_m, shore.start.vx_m_s, shore.start.vy_m_s), (0.0, 0.0, 0.0));
+    assert_eq!(shore.ticks(), 180_000);
+}
+
+#[test]
+fn an_empty_file_is_a_scenario() {
+    let plain = Scenario::from_settings(&Settings::default()).unwrap();
+    assert_eq!((plain.rate_hz, plain.duration_s, plain.leg), (1000, 60.0, Leg::human()));
+    assert_eq!(plain.start, Body { x_m: 0.0, vx_m_s: 0.0, y_m: 2.0, vy_m_s: 0.0 });
+}
+
+#[test]
+fn every_value_that_cannot_be_is_named_with_its_limit() {
+    for (text, parts) in [
+        ("rate_hz = 10", ["rate_hz", "10", "50"]),
+        ("duration_s = 0.0", ["duration_s", "0", "above 0"]),
+        ("duration_s = nan", ["duration_s", "NaN", "86400"]),
+        ("distance_m = -1.0", ["distance_m", "-1", "above 0"]),
+        ("gravity_m_s2 = 0.0", ["gravity_m_s2", "0", "above 0"]),
+        ("density_ratio = -0.1", ["density_ratio", "-0.1", "from 0 to 2"]),
+        ("density_ratio = 0.0\ndensity_profile = [[0.0, 1.0]]", ["density_profile", "both", "one"]),
+        ("density_profile = [[0.0, 1.0], [1.0, 3.0]]", ["density_profile", "3", "from 0 to 2"]),
+        ("density_profile = []", ["density_profile", "at least one", "point"]),
+        ("set_point_m_s = 99.0", ["set_point_m_s", "99", "50"]),
+        ("set_point_steps = [{ m_s = 1.0 }]", ["set_point_steps", "1", "either"]),
+        (
+            "set_point_steps = [{ from_t_s = -1.0, m_s = 1.0 }]",
+            ["set_point_steps: from_t_s", "-1", "from 0"],
+        ),
+        ("[start]\ny_m = 0.0", ["start.y_m", "0", "above 0"]),
+        ("[start]\nvx_m_s = 51.0", ["start.vx_m_s", "51", "50"]),
+        ("[start]\ny_spread_m = -1.0", ["start.y_spread_m", "-1", "from 0"]),
+    ] {
+        let message = refused(text);
+        for part in parts {
+            assert!(message.contains(part), "`{part}` in `{message}` of `{text}`");
+        }
+    }
+}
+
+#[test]
+fn a_leg_may_be_given_by_its_parameters() {
+    let mut parameters = *Leg::human().parameters();
+    parameters.stiffness_n_m = 30_000.0;
+    let text = toml::to_string(&parameters).unwrap();
+    let settings = Settings::from_toml(&format!("[leg_parameters]\n{text}")).unwrap();
+    let scenario = Scenario::from_settings(&settings).unwrap();
+    assert_eq!(scenario.leg.parameters().stiffness_n_m, 30_000.0);
+
+    let bad = text.replace("mass_kg = 80.0", "mass_kg = -80.0");
+    let message = refused(&format!("[leg_parameters]\n{bad}"));
+    assert!(message.contains("mass_kg") && message.contains("-80"), "{message}");
+    let message = refused(&format!("leg = \"crab\"\n[leg_parameters]\n{text}"));
+    assert!(message.contains("one of the two"), "{message}");
+}
+
+#[test]
+fn flags_win_over_the_file() {
+    let file = Settings::from_toml(include_str!("../../scenarios/shore.toml")).unwrap();
+    let flags = Settings {
+        medium: Some(MediumPreset::Moon),
+        duration_s: Some(5.0),
+        set_point_m_s: Some(1.5),
+        ..Settings::default()
+    };
+    let scenario = Scenario::from_settings(&flags.over(file)).unwrap();
+    assert_eq!(scenario.medium_at(0.0), Medium::MOON, "a medium said here replaces the profile");
+    assert_eq!((scenario.duration_s, scenario.distance_m), (5.0, Some(45.0)));
+    assert_eq!(scenario.set_points, SetPoints { start_m_s: 1.5, steps: vec![] });
+}
+
+#[test]
+fn the_seed_moves_the_start_and_only_within_its_spread() {
+    let start = |seed| {
+        let settings = Settings {
+            seed: Some(seed),
+            start: StartSettings {
+                vx_spread_m_s: Some(0.5),
+                y_spread_m: Some(0.2),
+                ..StartSettings::default()
+            },
+            ..Settings::default()
+        };
+        Scenario::from_settings(&settings).unwrap().start
+    };
+    assert_eq!(start(1), start(1));
+    assert_ne!(start(1), start(2));
+    for seed in 0..100 {
+        let Body { vx_m_s, y_m, .. } = start(seed);
+        assert!(vx_m_s.abs() <= 0.5 && (2.0..=2.2).contains(&y_m), "{vx_m_s} {y_m}");
+    }
+}

@@ -1,0 +1,139 @@
+//! A controller in a process of its own, started by this one.
+
+use std::ffi::OsString;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process};
+
+/// How long a controller may take to end after its run.
+const PATIENCE: Duration = Duration::from_secs(5);
+const LOOK: Duration = Duration::from_millis(2);
+
+/// What a controller is started with.
+#[derive(Clone, Debug)]
+pub struct ControllerCall {
+    /// The policy blob; the controller's own choice when none.
+    pub policy: Option<PathBuf>,
+    /// Ticks a second.
+    pub rate_hz: u32,
+    /// Gravity where the leg is, m/s2.
+    pub gravity_m_s2: f64,
+    /// The domain to meet in.
+    pub domain: String,
+    /// Its patience with this process.
+    pub timeout: Duration,
+}
+
+impl ControllerCall {
+    /// The arguments of the `controller` program that say this.
+    #[must_use]
+    pub fn arguments(&self) -> Vec<OsString> {
+        let mut arguments: Vec<OsString> = Vec::new();
+        if let Some(policy) = &self.policy {
+            arguments.extend(["--policy".into(), policy.into()]);
+        }
+        for (flag, value) in [
+            ("--rate", self.rate_hz.to_string()),
+            ("--gravity", self.gravity_m_s2.to_string()),
+            ("--domain", self.domain.clone()),
+            ("--timeout", self.timeout.as_secs_f64().to_string()),
+        ] {
+            arguments.extend([flag.into(), value.into()]);
+        }
+        arguments
+    }
+}
+
+/// A running controller process. It never outlives this value: when dropped,
+/// it is asked to end, then made to, and always reaped.
+#[derive(Debug)]
+pub struct ControllerChild {
+    child: Child,
+    status: Option<ExitStatus>,
+}
+
+impl ControllerChild {
+    /// Starts this program again, as `… controller <arguments>`. Its errors go
+    /// to this process's stderr, its summary nowhere.
+    ///
+    /// # Errors
+    /// When the program cannot be started.
+    pub fn spawn(call: &ControllerCall) -> io::Result<Self> {
+        Self::spawn_program(&std::env::current_exe()?, call)
+    }
+
+    /// As [`ControllerChild::spawn`], of a `sim-host` at a given place.
+    ///
+    /// # Errors
+    /// When the program cannot be started.
+    pub fn spawn_program(program: &Path, call: &ControllerCall) -> io::Result<Self> {
+        let child = Command::new(program)
+            .arg("controller")
+            .args(call.arguments())
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .spawn()?;
+        Ok(Self { child, status: None })
+    }
+
+    /// Its process.
+    #[must_use]
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// How it ended, if it has.
+    pub fn ended(&mut self) -> Option<ExitStatus> {
+        if self.status.is_none() {
+            self.status = self.child.try_wait().ok().flatten();
+        }
+        self.status
+    }
+
+    /// Waits for it to end by itself, as it does when the run is over; after
+    /// some seconds it is made to.
+    ///
+    /// # Errors
+    /// When the system cannot tell.
+    pub fn finish(mut self) -> io::Result<ExitStatus> {
+        if !self.wait(PATIENCE) {
+            self.child.kill()?;
+        }
+        // Reaped already, this only says again how it ended.
+        let status = self.child.wait()?;
+        self.status = Some(status);
+        Ok(status)
+    }
+
+    /// Whether it has ended within `patience`.
+    fn wait(&mut self, patience: Duration) -> bool {
+        let deadline = Instant::now() + patience;
+        while self.ended().is_none() {
+            if Instant::now() >= deadline {
+                return false;
+            }
+            std::thread::sleep(LOOK);
+        }
+        true
+    }
+}
+
+impl Drop for ControllerChild {
+    fn drop(&mut self) {
+        if self.ended().is_some() {
+            return;
+        }
+        // Politely first: it then leaves the shared memory in order.
+        let asked = i32::try_from(self.child.id())
+            .ok()
+            .and_then(Pid::from_raw)
+            .is_some_and(|pid| kill_process(pid, Signal::TERM).is_ok());
+        if !(asked && self.wait(Duration::from_secs(1))) {
+            let _ = self.child.kill();
+            let _ = self.child.wait();
+        }
+    }
+}

@@ -1,0 +1,144 @@
+//! What the run came to: a table for people, an object for scripts.
+
+use super::track::{ApexMark, Track};
+use serde::Serialize;
+use std::fmt;
+
+/// The result of a run over the shore; `--json` prints it as it stands.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// Falls: 0, or 1 and the run ended there.
+    pub falls: u32,
+    /// Apexes.
+    pub hops: usize,
+    /// From the start to the end, m.
+    pub distance_m: f64,
+    /// Density ratio where the run ended.
+    pub end_rho: f64,
+    /// Ticks played.
+    pub ticks: u64,
+    /// Ticks a second of wall time.
+    pub ticks_per_s: f64,
+    /// From sending a sample to having its command, us.
+    pub round_trip_us: RoundTrip,
+    /// How well the set-point was kept.
+    pub tracking: Regions<Tracking>,
+    /// Largest error of the density estimate at an apex.
+    pub rho_error_max: f64,
+    /// Hash of every state and command of the run.
+    pub state_hash: String,
+}
+
+/// Quantiles of a round trip, us.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct RoundTrip {
+    /// Median.
+    pub p50: f64,
+    /// 99th percentile.
+    pub p99: f64,
+    /// Longest.
+    pub max: f64,
+}
+
+/// The same figure in the water, on the shore and on land.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Regions<T> {
+    /// Where the density ratio is 1.
+    pub water: T,
+    /// In between.
+    pub shore: T,
+    /// Where it is 0.
+    pub land: T,
+}
+
+/// How well the apex velocity kept to the set-point in a region.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Tracking {
+    /// Apexes there.
+    pub hops: usize,
+    /// Their mean velocity, m/s.
+    pub mean_v: f64,
+    /// Mean distance of the velocity from the set-point, m/s.
+    pub mean_abs_error: f64,
+    /// Largest distance of the density estimate from the truth.
+    pub rho_error_max: f64,
+}
+
+impl Tracking {
+    fn over(apexes: &[&ApexMark]) -> Self {
+        let mean = |f: &dyn Fn(&ApexMark) -> f64| {
+            apexes.iter().map(|a| f(a)).sum::<f64>() / apexes.len().max(1) as f64
+        };
+        Self {
+            hops: apexes.len(),
+            mean_v: mean(&|a| a.vx_m_s),
+            mean_abs_error: mean(&ApexMark::error_m_s),
+            rho_error_max: apexes.iter().map(|a| a.density_error()).fold(0.0, f64::max),
+        }
+    }
+}
+
+impl Regions<Tracking> {
+    /// Of a run's apexes, each in the region of its density.
+    #[must_use]
+    pub fn of(track: &Track) -> Self {
+        let within = |is_there: fn(f64) -> bool| {
+            let there: Vec<_> = track.apexes.iter().filter(|a| is_there(a.density_ratio)).collect();
+            Tracking::over(&there)
+        };
+        Self {
+            water: within(|rho| rho >= 1.0),
+            shore: within(|rho| 0.0 < rho && rho < 1.0),
+            land: within(|rho| rho <= 0.0),
+        }
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Regions { water, shore, land } = &self.tracking;
+        let row = |f: &mut fmt::Formatter<'_>, name: &str, unit: &str, values: [f64; 3]| {
+            let [w, s, l] = values;
+            writeln!(f, "  {name:<26}{w:>9.4}{s:>9.4}{l:>9.4}  {unit}")
+        };
+        writeln!(f, "  {:<26}{:>9}{:>9}{:>9}", "", "water", "shore", "land")?;
+        writeln!(f, "  {:<26}{:>9}{:>9}{:>9}", "hops", water.hops, shore.hops, land.hops)?;
+        row(f, "mean velocity", "m/s", [water.mean_v, shore.mean_v, land.mean_v])?;
+        let errors = [water.mean_abs_error, shore.mean_abs_error, land.mean_abs_error];
+        row(f, "mean |v - set-point|", "m/s", errors)?;
+        let rho_errors = [water.rho_error_max, shore.rho_error_max, land.rho_error_max];
+        row(f, "density estimate, max error", "", rho_errors)?;
+        writeln!(f)?;
+        let RoundTrip { p50, p99, max } = self.round_trip_us;
+        let Self { falls, hops, distance_m, ticks, ticks_per_s, state_hash, .. } = self;
+        writeln!(f, "  {hops} hops, {falls} falls, {distance_m:.2} m")?;
+        writeln!(f, "  {ticks} ticks, {ticks_per_s:.0} a second")?;
+        writeln!(f, "  tick round trip: p50 {p50:.1} us, p99 {p99:.1} us, max {max:.0} us")?;
+        write!(f, "  state hash {state_hash}: the same in every run")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_apex_counts_in_the_region_of_its_density() {
+        let apex = |density_ratio, vx_m_s| ApexMark {
+            t_s: 0.0,
+            x_m: 0.0,
+            y_m: 2.0,
+            vx_m_s,
+            set_point_m_s: 1.0,
+            density_ratio,
+            density_estimate: density_ratio + 0.01,
+        };
+        let apexes = vec![apex(1.0, 0.5), apex(1.0, 1.5), apex(0.4, 0.9), apex(0.0, 1.0)];
+        let regions = Regions::of(&Track { apexes, ..Track::default() });
+        assert_eq!([regions.water.hops, regions.shore.hops, regions.land.hops], [2, 1, 1]);
+        assert_eq!(regions.water.mean_v, 1.0);
+        assert_eq!(regions.water.mean_abs_error, 0.5);
+        assert!((regions.shore.rho_error_max - 0.01).abs() < 1e-12);
+        assert_eq!(regions.land.mean_abs_error, 0.0);
+    }
+}
