@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::elongation::Elongation;
 use super::flight::Swim;
-use super::leg::Leg;
+use super::leg::{Leg, ParameterError, positive};
 use super::medium::Medium;
 use super::pair::Pair;
 use super::stance::{StanceEnd, punt};
@@ -50,6 +50,15 @@ impl Tolerance {
     };
     /// For training, where speed counts.
     pub const TRAINING: Self = Self { velocity_m_s: 1e-6 };
+
+    /// Any other. Below about 1e-13 rounding takes over.
+    ///
+    /// # Errors
+    /// A tolerance that is not finite or not above 0.
+    pub fn new(velocity_m_s: f64) -> Result<Self, ParameterError> {
+        positive("tolerance", velocity_m_s)?;
+        Ok(Self { velocity_m_s })
+    }
 }
 
 impl Default for Tolerance {
@@ -152,8 +161,8 @@ impl Hopper {
 
     /// One hop: the first local maximum of the height after the start.
     ///
-    /// Total: a start that is not finite, or no higher than the ground, is a fall, and so is
-    /// an action that is not finite.
+    /// Total: a start that is not finite, or no higher than the ground, is a fall, and so are
+    /// an action that is not finite and a motion that overflows.
     #[must_use]
     pub fn hop(&self, start: Apex, action: Action) -> Hop {
         let mut hop = Hop {
@@ -163,8 +172,13 @@ impl Hopper {
             liftoff_t_s: None,
         };
         let inputs = [start.vx_m_s, start.y_m, action.alpha_rad, action.rs_m_s];
-        if inputs.iter().all(|x| x.is_finite()) {
-            hop.outcome = self.follow(start, action, &mut hop);
+        if inputs.iter().all(|x| x.is_finite())
+            && let Outcome::Apex(next) = self.follow(start, action, &mut hop)
+            && [next.t_s, next.x_m, next.vx_m_s, next.y_m]
+                .iter()
+                .all(|x| x.is_finite())
+        {
+            hop.outcome = Outcome::Apex(next);
         }
         hop
     }
@@ -196,6 +210,9 @@ impl Hopper {
             let (way_m, touchdown_vx_m_s) = self.swim.horizontal(vx_m_s, drop.t_s);
             x_m += way_m;
             let x_foot_m = x_m - reach_m[0];
+            if !x_foot_m.is_finite() {
+                return Outcome::Fall;
+            }
             hop.stance_phases += 1;
             if hop.stance_phases == 1 {
                 hop.touchdown = Some(Touchdown { t_s, x_foot_m });

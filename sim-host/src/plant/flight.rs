@@ -95,7 +95,12 @@ impl Swim {
         let (c, g) = (self.drag_y_per_m, self.net_gravity_m_s2);
         let exponent = 2.0 * c * height_m;
         let lost = -(-exponent).exp_m1();
-        let kept = 1.0 - lost;
+        // Each of the two in full precision.
+        let kept = if exponent < 1.0 {
+            1.0 - lost
+        } else {
+            (-exponent).exp()
+        };
         // (1 - exp(-2 c h)) / c, continued to 2 h at c = 0.
         let twice_height_m = if exponent < 1e-16 {
             2.0 * height_m
@@ -113,20 +118,20 @@ impl Swim {
                 speed_m_s,
             });
         }
-        let mean_s = twice_height_m / (speed_m_s + end_m_s);
         let t_s = if g > 0.0 {
+            let mean_s = twice_height_m / (speed_m_s + end_m_s);
             let beta = self.slowness_s_m;
             let scaled_s = mean_s * (1.0 + beta * end_m_s) / (1.0 + beta * speed_m_s);
             if exponent < 40.0 {
                 let scaled_s = scaled_s / kept;
                 scaled_s * ln_1p_over(2.0 * self.rate_per_s * scaled_s)
             } else {
-                // The same to the last bit, before `kept` underflows.
+                // The same before `kept` underflows.
                 let twice_rate_per_s = 2.0 * self.rate_per_s;
-                (exponent + (twice_rate_per_s * scaled_s).ln()) / twice_rate_per_s
+                (exponent + (twice_rate_per_s * scaled_s + kept).ln()) / twice_rate_per_s
             }
         } else {
-            let scaled_s = mean_s / (1.0 - c * speed_m_s * mean_s);
+            let scaled_s = twice_height_m / (end_m_s + kept * speed_m_s);
             scaled_s * atan_over(self.rate_per_s * scaled_s)
         };
         Some(Drop {
@@ -200,5 +205,95 @@ impl Swim {
         };
         let way_m = v * tanh_s * ln_1p_over(-c * v * tanh_s) - from_rest_m;
         (way_m, (v - g * tanh_s) / (1.0 - c * v * tanh_s))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A leg with drag `c` and net gravity `g`, by the equations' own parameters.
+    fn swim(c: f64, g: f64) -> Swim {
+        let slowness = if g == 0.0 { 0.0 } else { (c / g.abs()).sqrt() };
+        Swim {
+            drag_x_per_m: c,
+            drag_y_per_m: c,
+            net_gravity_m_s2: g,
+            rate_per_s: (c * g.abs()).sqrt(),
+            slowness_s_m: slowness,
+        }
+    }
+
+    /// The same by many small Runge-Kutta steps.
+    fn integrate(c: f64, g: f64, v: f64, t_s: f64) -> (f64, f64) {
+        const STEPS: u32 = 20_000;
+        let h = t_s / f64::from(STEPS);
+        let a = |v: f64| -c * v * v.abs() - g;
+        let (mut y, mut v) = (0.0, v);
+        for _ in 0..STEPS {
+            let k1 = a(v);
+            let k2 = a(v + 0.5 * h * k1);
+            let k3 = a(v + 0.5 * h * k2);
+            let k4 = a(v + h * k3);
+            y += h * v + h * h / 6.0 * (k1 + k2 + k3);
+            v += h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4);
+        }
+        (y, v)
+    }
+
+    #[test]
+    fn closed_form_solves_the_equation() {
+        for c in [0.0, 1e-300, 1e-9, 0.01, 0.6, 5.0] {
+            for g in [-3.0, -1e-6, 0.0, 1e-6, 1.6, 9.0] {
+                for v in [-8.0, -1.0, 0.0, 0.5, 7.0] {
+                    for t_s in [1e-3, 0.2, 3.0] {
+                        let (y, vy) = swim(c, g).vertical(v, t_s);
+                        let (y_by_steps, vy_by_steps) = integrate(c, g, v, t_s);
+                        let near = |a: f64, b: f64| (a - b).abs() < 1e-7 * b.abs().max(1.0);
+                        assert!(
+                            near(y, y_by_steps),
+                            "c {c} g {g} v {v} t {t_s}: y {y} {y_by_steps}"
+                        );
+                        assert!(near(vy, vy_by_steps), "c {c} g {g} v {v} t {t_s}: vy {vy}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_drop_ends_where_the_motion_is_then() {
+        for c in [0.0, 1e-300, 1e-17, 1e-9, 0.01, 0.6, 5.0] {
+            for g in [-3.0, -1e-6, 0.0, 1e-6, 1.6, 9.0] {
+                for speed in [0.0, 0.3, 1.5, 20.0] {
+                    for height in [1e-9, 0.1, 4.0, 60.0] {
+                        let swim = swim(c, g);
+                        let Some(drop) = swim.drop(speed, height) else {
+                            assert!(g <= 0.0, "c {c} g {g} speed {speed} height {height}");
+                            continue;
+                        };
+                        let (way, vy) = swim.vertical(-speed, drop.t_s);
+                        let case = format!("c {c} g {g} speed {speed} height {height} {drop:?}");
+                        assert!(
+                            (way + height).abs() < 1e-10 * height.max(1e-3),
+                            "{case}: {way}"
+                        );
+                        assert!((vy + drop.speed_m_s).abs() < 1e-8, "{case}: {vy}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_climb_ends_at_rest() {
+        for c in [0.0, 1e-300, 1e-9, 0.6, 5.0] {
+            let swim = swim(c, 9.0);
+            let (t_s, height) = swim.climb(6.0).unwrap();
+            let (way, vy) = swim.vertical(6.0, t_s);
+            assert!((way - height).abs() < 1e-13 && vy.abs() < 1e-13);
+            assert_eq!(swim.turn_s(6.0), Some(t_s));
+        }
+        assert!(swim(0.6, 0.0).climb(1.0).is_none());
     }
 }

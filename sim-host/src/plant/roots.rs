@@ -12,7 +12,7 @@ pub(super) fn first_crossing(
     start: Edge,
     end: Edge,
     width: f64,
-    f: impl Fn(f64) -> Edge,
+    mut f: impl FnMut(f64) -> Edge,
 ) -> Option<f64> {
     let sense = if start.0 == 0.0 { start.1 } else { start.0 };
     if sense == 0.0 {
@@ -67,7 +67,7 @@ fn guess(start: Edge, end: Edge, width: f64) -> f64 {
 
 /// The root in `[a, b]` of a function above 0 just after `a` and not at `b`, by Newton's
 /// method; bisection takes over where that leaves the bracket.
-fn refine(f: impl Fn(f64) -> Edge, mut a: f64, mut b: f64, guess: f64) -> f64 {
+fn refine(mut f: impl FnMut(f64) -> Edge, mut a: f64, mut b: f64, guess: f64) -> f64 {
     let accuracy = 1e-9 * (b - a);
     let mut t = guess;
     for _ in 0..100 {

@@ -26,9 +26,6 @@ use super::roots::falling_root;
 use super::stance::{Corner, Stretch};
 use super::taylor::{Field, Jet, State};
 
-/// Coefficients of the series over a tick: fewer than over a whole stance, for ticks are short.
-const COEFFICIENTS: usize = 12;
-
 /// Bounds the work of one tick; beyond it, as after an overflow, the leg counts as fallen.
 const MOST_STRETCHES: u32 = 100_000;
 
@@ -324,7 +321,7 @@ impl TickPlant {
         let (ramp, kink_s) = tick.elongation.ramp(from_s);
         let until_s = kink_s.min(tick.end_s);
         let limit_s = until_s - from_s;
-        let mut jet = Jet::<COEFFICIENTS>::new();
+        let mut jet = Jet::new();
         let stretch = Stretch::follow(
             &mut jet,
             &tick.field,
