@@ -12,7 +12,7 @@ use sim_host::plant::Apex;
 pub struct Standing {
     /// Environment steps trained.
     pub steps: u64,
-    /// See [`cost`]; lower is better.
+    /// Share that falls and speed that is left, summed over densities; lower is better.
     pub cost: f64,
 }
 
