@@ -35,7 +35,7 @@ fn assert_near(s: Survival, survive30: f64, v: Option<[f64; 2]>, reward5: f64) {
     let error = (survive30 * (1.0 - survive30) * (1.0 / 2000.0 + 1.0 / 5000.0)).sqrt();
     assert!((s.survive30 - survive30).abs() <= 3.0 * error + 6e-4, "{s:?}, {survive30}");
     if let Some([median, p95]) = v {
-        assert!((s.abs_v_median.unwrap() - median).abs() < 0.02 * median + 6e-4, "{s:?}");
+        assert!((s.abs_v_median.unwrap() - median).abs() < 0.05 * median + 6e-4, "{s:?}");
         assert!((s.abs_v_p95.unwrap() - p95).abs() < 0.1 * p95, "{s:?}");
     }
     assert!((s.reward5 - reward5).abs() < 0.05 * reward5 + 0.02, "{s:?}, {reward5}");
