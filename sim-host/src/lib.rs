@@ -1,6 +1,7 @@
 //! The leg on the host: its physics, and the sessions that play it to a controller.
 
 pub mod cli;
+pub mod output;
 pub mod plant;
 pub mod scenario;
 pub mod session;

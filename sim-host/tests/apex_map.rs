@@ -39,15 +39,7 @@ fn foot_does_not_hold(hop: &Hop) -> bool {
 
 #[test]
 fn golden_cases_agree() {
-    let names = [
-        "t_touchdown",
-        "x_foot",
-        "t_liftoff",
-        "t_apex",
-        "x_apex",
-        "vx_next",
-        "y_next",
-    ];
+    let names = ["t_touchdown", "x_foot", "t_liftoff", "t_apex", "x_apex", "vx_next", "y_next"];
     let mut worst: [Worst; 7] = Default::default();
     let (mut cases, mut degenerate) = (0, 0);
     for_each_row(GOLDEN, |row| {
@@ -65,11 +57,7 @@ fn golden_cases_agree() {
             assert_eq!(hop.stance_phases, 3);
             hop.liftoff_t_s = row.optional("t_liftoff");
         } else {
-            assert_eq!(
-                hop.stance_phases.to_string(),
-                row.cell("hops"),
-                "line {line}"
-            );
+            assert_eq!(hop.stance_phases.to_string(), row.cell("hops"), "line {line}");
         }
         let ours = [
             hop.touchdown.map(|t| t.t_s),
@@ -114,13 +102,7 @@ fn published_transitions_agree() {
         });
     }
     errors_m_s.sort_by(f64::total_cmp);
-    let (median, worst) = (
-        errors_m_s[errors_m_s.len() / 2],
-        errors_m_s[errors_m_s.len() - 1],
-    );
-    println!(
-        "{} apexes: median {median:.1e} m/s, worst {worst:.1e}",
-        errors_m_s.len()
-    );
+    let (median, worst) = (errors_m_s[errors_m_s.len() / 2], errors_m_s[errors_m_s.len() - 1]);
+    println!("{} apexes: median {median:.1e} m/s, worst {worst:.1e}", errors_m_s.len());
     assert!(median <= 3e-4 && worst <= 6e-3);
 }

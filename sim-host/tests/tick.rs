@@ -20,12 +20,7 @@ enum End {
 /// Drives the tick plant as the apex map's action does: the angle held, the ramp from
 /// touchdown on.
 fn drive(case: &Case, hop: &Hop, dt_s: f64) -> End {
-    let start = Body {
-        x_m: 0.0,
-        vx_m_s: case.start.vx_m_s,
-        y_m: case.start.y_m,
-        vy_m_s: 0.0,
-    };
+    let start = Body { x_m: 0.0, vx_m_s: case.start.vx_m_s, y_m: case.start.y_m, vy_m_s: 0.0 };
     let mut plant = TickPlant::new(case.leg, start);
     let touchdown_s = hop.touchdown.map_or(0.0, |t| t.t_s);
     let mut touchdowns = 0;
@@ -112,21 +107,12 @@ fn the_ideal_command_reproduces_the_apex_map() {
 
 /// A leg at rest above the ground.
 fn hanging(y_m: f64) -> TickPlant {
-    let body = Body {
-        x_m: 0.0,
-        vx_m_s: 0.0,
-        y_m,
-        vy_m_s: 0.0,
-    };
+    let body = Body { x_m: 0.0, vx_m_s: 0.0, y_m, vy_m_s: 0.0 };
     TickPlant::new(Leg::human(), body)
 }
 
 fn hold(leg_angle_rad: f64) -> LegCommand {
-    LegCommand {
-        leg_angle_rad,
-        elongation_m: 0.0,
-        elongation_rate_m_s: 0.0,
-    }
+    LegCommand { leg_angle_rad, elongation_m: 0.0, elongation_rate_m_s: 0.0 }
 }
 
 #[test]
@@ -135,11 +121,7 @@ fn a_hop_within_one_tick_has_all_its_events_in_order() {
     let kinds: Vec<_> = events.iter().map(|e| e.kind).collect();
     assert!(matches!(
         kinds[..],
-        [
-            EventKind::Touchdown { .. },
-            EventKind::LiftOff,
-            EventKind::Apex
-        ]
+        [EventKind::Touchdown { .. }, EventKind::LiftOff, EventKind::Apex]
     ));
     assert!((events[2].body.y_m - 2.0).abs() < 1e-9);
 }
@@ -150,9 +132,7 @@ fn the_ground_stops_a_swing() {
     let mut plant = hanging(0.9);
     assert!(plant.step(0.01, hold(0.1), Medium::AIR, &Flat).is_empty());
     let events = plant.step(0.01, hold(FRAC_PI_2), Medium::AIR, &Flat);
-    let EventKind::Touchdown { foot_x_m, foot_y_m } = events[0].kind else {
-        panic!("{events:?}")
-    };
+    let EventKind::Touchdown { foot_x_m, foot_y_m } = events[0].kind else { panic!("{events:?}") };
     assert!(foot_y_m.abs() < 1e-12 && foot_x_m < -0.1);
     assert!(events[0].t_s == 0.0);
     let leg_length_m = (events[0].body.x_m - foot_x_m).hypot(events[0].body.y_m);
@@ -164,13 +144,7 @@ fn a_foot_below_the_ground_bears_nothing() {
     // As in the apex map: too low for the leg, so it falls.
     let mut plant = hanging(0.9);
     let events = plant.step(1.0, hold(FRAC_PI_2), Medium::AIR, &Flat);
-    assert!(matches!(
-        events[..],
-        [Event {
-            kind: EventKind::Fall,
-            ..
-        }]
-    ));
+    assert!(matches!(events[..], [Event { kind: EventKind::Fall, .. }]));
     // The added mass moves along, in air too.
     let gravity_m_s2: f64 = 9.81 * 80.0 / 88.0;
     assert!((events[0].t_s - (2.0 * 0.9 / gravity_m_s2).sqrt()).abs() < 1e-12);
@@ -185,9 +159,7 @@ fn the_foot_lands_on_a_slope() {
     let slope = |x_m: f64| 0.2 + 0.1 * x_m;
     let mut plant = hanging(2.0);
     let events = plant.step(0.6, hold(2.0), Medium::AIR, &slope);
-    let EventKind::Touchdown { foot_x_m, foot_y_m } = events[0].kind else {
-        panic!("{events:?}")
-    };
+    let EventKind::Touchdown { foot_x_m, foot_y_m } = events[0].kind else { panic!("{events:?}") };
     assert!((foot_y_m - slope(foot_x_m)).abs() < 1e-12);
 }
 
@@ -207,23 +179,12 @@ fn senseless_input_neither_panics_nor_hangs() {
     for a in odd {
         for b in odd {
             let mut plant = hanging(1.2);
-            let command = LegCommand {
-                leg_angle_rad: a,
-                elongation_m: b,
-                elongation_rate_m_s: a,
-            };
+            let command = LegCommand { leg_angle_rad: a, elongation_m: b, elongation_rate_m_s: a };
             for dt_s in [0.0, f64::NAN, 0.05, 0.3, 1e9] {
                 plant.step(dt_s, command, Medium::WATER, &Flat);
             }
-            let mut plant = TickPlant::new(
-                Leg::human(),
-                Body {
-                    x_m: a,
-                    vx_m_s: b,
-                    y_m: 1.2,
-                    vy_m_s: b,
-                },
-            );
+            let mut plant =
+                TickPlant::new(Leg::human(), Body { x_m: a, vx_m_s: b, y_m: 1.2, vy_m_s: b });
             plant.step(0.3, hold(1.5), Medium::WATER, &Flat);
         }
     }

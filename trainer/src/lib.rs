@@ -1,1 +1,18 @@
 //! Off-line training of the leg's actor by deep deterministic policy gradient (DDPG).
+// What is generic over the instruction set must be inlined into the function
+// compiled for it, or it would fall back to the baseline.
+#![allow(clippy::inline_always, reason = "see `simd`")]
+
+pub mod cli;
+pub mod config;
+pub mod ddpg;
+pub mod environment;
+pub mod evaluate;
+pub mod explore;
+pub mod import;
+pub mod net;
+pub mod policy;
+pub mod preset;
+pub mod replay;
+pub mod simd;
+pub mod train;

@@ -1,3 +1,5 @@
 //! The `trainer` command line.
 
-fn main() {}
+fn main() -> std::process::ExitCode {
+    trainer::cli::main()
+}

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-use crate::policy::{ParseError, Policy};
+use crate::policy::{self, ParseError, Policy};
 
 /// A blob has at most four layers 128 wide: a file beyond this is something else.
 const MAX_BYTES: u64 = 1 << 20;
@@ -31,15 +31,63 @@ pub enum BlobError {
     },
 }
 
-/// The bytes of a policy file, aligned as [`Policy::parse`] wants them.
-#[derive(Debug)]
-pub struct PolicyBlob {
-    path: PathBuf,
+/// Bytes at a 4-byte aligned address, as [`Policy::parse`] wants them.
+#[derive(Clone, Debug)]
+pub struct AlignedBytes {
     words: Vec<u32>,
     len: usize,
 }
 
+impl AlignedBytes {
+    /// So many zeros, to be written to.
+    #[must_use]
+    pub fn zeros(len: usize) -> Self {
+        Self { words: vec![0; len.div_ceil(4)], len }
+    }
+
+    /// The bytes.
+    #[must_use]
+    pub fn as_slice(&self) -> &[u8] {
+        &bytemuck::cast_slice(&self.words)[..self.len]
+    }
+
+    /// The bytes, to be written to.
+    pub fn as_mut_slice(&mut self) -> &mut [u8] {
+        &mut bytemuck::cast_slice_mut(&mut self.words)[..self.len]
+    }
+
+    /// Only the first bytes, if there are more.
+    pub fn truncate(&mut self, len: usize) {
+        self.len = self.len.min(len);
+    }
+}
+
+impl From<&[u8]> for AlignedBytes {
+    fn from(bytes: &[u8]) -> Self {
+        let mut aligned = Self::zeros(bytes.len());
+        aligned.as_mut_slice().copy_from_slice(bytes);
+        aligned
+    }
+}
+
+/// A policy file in memory.
+#[derive(Clone, Debug)]
+pub struct PolicyBlob {
+    path: PathBuf,
+    bytes: AlignedBytes,
+}
+
 impl PolicyBlob {
+    /// The given file or, without one, the policy shipped with the program;
+    /// nothing is checked yet.
+    ///
+    /// # Errors
+    /// [`BlobError::Read`].
+    pub fn load(path: Option<&Path>) -> Result<Self, BlobError> {
+        let shipped = || Self { path: "the shipped policy".into(), bytes: policy::SHIPPED.into() };
+        path.map_or_else(|| Ok(shipped()), Self::read)
+    }
+
     /// Reads a file; nothing is checked yet.
     ///
     /// # Errors
@@ -49,9 +97,7 @@ impl PolicyBlob {
         File::open(path)
             .and_then(|file| file.take(MAX_BYTES + 1).read_to_end(&mut bytes))
             .map_err(|cause| BlobError::Read { path: path.to_owned(), cause })?;
-        let mut words = vec![0_u32; bytes.len().div_ceil(4)];
-        bytemuck::cast_slice_mut(&mut words)[..bytes.len()].copy_from_slice(&bytes);
-        Ok(Self { path: path.to_owned(), words, len: bytes.len() })
+        Ok(Self { path: path.to_owned(), bytes: bytes.as_slice().into() })
     }
 
     /// The policy in it, every check passed.
@@ -59,7 +105,13 @@ impl PolicyBlob {
     /// # Errors
     /// [`BlobError::Parse`].
     pub fn policy(&self) -> Result<Policy<'_>, BlobError> {
-        let bytes = &bytemuck::cast_slice(&self.words)[..self.len];
-        Policy::parse(bytes).map_err(|cause| BlobError::Parse { path: self.path.clone(), cause })
+        Policy::parse(self.as_slice())
+            .map_err(|cause| BlobError::Parse { path: self.path.clone(), cause })
+    }
+
+    /// Its bytes.
+    #[must_use]
+    pub fn as_slice(&self) -> &[u8] {
+        self.bytes.as_slice()
     }
 }

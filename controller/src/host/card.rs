@@ -74,6 +74,8 @@ impl Terms {
 pub(super) struct Card {
     pub(super) pid: u32,
     pub(super) terms: Terms,
+    /// The peer whose ports it has found and is ready to hear.
+    pub(super) met: Option<u32>,
 }
 
 impl Card {
@@ -84,14 +86,18 @@ impl Card {
 
     /// `None` while it is being written, or when it is of a kind unknown here.
     fn parse(text: &str) -> Option<Self> {
-        let field =
-            |name: &str| text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(' '));
+        // Only whole lines: the last may still be on its way. The latest counts.
+        let lines = || text.split_inclusive('\n').filter_map(|line| line.strip_suffix('\n'));
+        let field = |name: &str| {
+            lines().filter_map(|line| line.strip_prefix(name)?.strip_prefix(' ')).next_back()
+        };
         Some(Self {
             pid: field("pid")?.parse().ok()?,
             terms: Terms {
                 wire_version: field("wire")?.parse().ok()?,
                 rate_hz: field("rate_hz")?.parse().ok()?,
             },
+            met: field("met").and_then(|pid| pid.parse().ok()),
         })
     }
 }
@@ -165,7 +171,7 @@ pub(super) fn take(domain: &Domain, role: Role, terms: Terms) -> Result<Held, Re
             File::options().create(true).truncate(false).read(true).write(true).open(&path)?;
         match file.try_lock() {
             Ok(()) if still_named(&file, &path) => {
-                let card = Card { pid: std::process::id(), terms };
+                let card = Card { pid: std::process::id(), terms, met: None };
                 file.set_len(0)?;
                 file.rewind()?;
                 file.write_all(card.text().as_bytes())?;
@@ -180,6 +186,14 @@ pub(super) fn take(domain: &Domain, role: Role, terms: Terms) -> Result<Held, Re
         Presence::Alive(card) => card.map(|card| card.pid),
         _ => None,
     }))
+}
+
+impl Held {
+    /// Adds to the card that the peer has been met. In one write, behind what
+    /// is there, so that a reader sees the rest whole at any moment.
+    pub(super) fn meet(&mut self, pid: u32) -> io::Result<()> {
+        self.file.write_all(format!("met {pid}\n").as_bytes())
+    }
 }
 
 impl Drop for Held {
@@ -201,9 +215,11 @@ mod tests {
         let look = || presence(&domain, Role::Leg).unwrap();
         assert_eq!(look(), Presence::Absent);
 
-        let held = take(&domain, Role::Leg, Terms::at(1000)).unwrap();
-        let card = Card { pid: std::process::id(), terms: Terms::at(1000) };
+        let mut held = take(&domain, Role::Leg, Terms::at(1000)).unwrap();
+        let card = Card { pid: std::process::id(), terms: Terms::at(1000), met: None };
         assert_eq!(look(), Presence::Alive(Some(card)));
+        held.meet(77).unwrap();
+        assert_eq!(look(), Presence::Alive(Some(Card { met: Some(77), ..card })));
         let second = take(&domain, Role::Leg, Terms::at(500));
         assert!(matches!(second, Err(Refusal::Taken(Some(pid))) if pid == card.pid));
         assert!(take(&domain, Role::Controller, Terms::at(1000)).is_ok());
@@ -222,6 +238,9 @@ mod tests {
     fn a_card_half_written_is_not_yet_one() {
         assert_eq!(Card::parse(""), None);
         assert_eq!(Card::parse("pid 12\nwire 1\n"), None);
+        assert_eq!(Card::parse("pid 12\nwire 1\nrate_hz 10"), None, "it may become 1000");
+        let card = Card::parse("pid 12\nwire 1\nrate_hz 1000\nmet 3").unwrap();
+        assert_eq!(card.met, None, "it may become 34");
         assert_eq!(Card::parse("pid x\nwire 1\nrate_hz 1000\n"), None);
     }
 }

@@ -25,9 +25,9 @@ pub const SAY_AFTER: Duration = Duration::from_secs(1);
 /// Runs a policy on a leg: a command for every sample, in lock-step.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// The policy blob to run.
+    /// The policy blob to run [default: the shipped one].
     #[arg(long, value_name = "FILE")]
-    pub policy: PathBuf,
+    pub policy: Option<PathBuf>,
     /// Ticks a second; the simulator's must be the same.
     #[arg(long, value_name = "HZ", default_value_t = 1000)]
     pub rate: u32,
@@ -142,7 +142,7 @@ impl fmt::Display for Summary {
 /// [`CliError`], with what to do about it.
 pub fn run(args: &Args) -> Result<Summary, CliError> {
     let config = Config::at_rate(args.rate)?.with_gravity(args.gravity)?;
-    let blob = PolicyBlob::read(&args.policy)?;
+    let blob = PolicyBlob::load(args.policy.as_deref())?;
     let policy = blob.policy()?;
     let name = policy.manifest().name.to_owned();
     let mut controller = Controller::new(policy, config);

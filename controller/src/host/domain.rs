@@ -192,6 +192,12 @@ impl Domain {
         }
     }
 
+    /// What the names of all shared memory of a domain start with, joined or not.
+    #[must_use]
+    pub fn prefix_in(base: &Path, name: &str) -> String {
+        Place::new(base, name).prefix
+    }
+
     /// Its name.
     #[must_use]
     pub fn name(&self) -> &str {

@@ -5,136 +5,48 @@
 //! for a slow reader. Further subscribers (a recorder, a live view) may listen.
 //!
 //! A receiver polls: in lock-step the peer answers within microseconds, and
-//! any blocking wait of the system costs thirty to forty. See [`super::wait`]
-//! for what it does when the peer is slow.
+//! any blocking wait of the system costs thirty to forty. Of a slow peer it
+//! learns to yield the core, and after a millisecond it sleeps.
 
-use std::cell::Cell;
-use std::fmt::{self, Display};
+mod error;
+mod service;
+
+use std::fmt::Display;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use iceoryx2::identifiers::{UniqueNodeId, UniquePublisherId};
 use iceoryx2::node::NodeBuilder;
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{
-    AttributeVerifier, CallbackProgression, Config, FileName, LogLevel, Node, NodeName, Path,
-    PortFactory as _, PortName, SemanticString, SignalHandlingMode, ipc, set_log_level_from_env_or,
+    CallbackProgression, LogLevel, Node, NodeName, PortFactory as _, PortName, SignalHandlingMode,
+    ipc, set_log_level_from_env_or,
 };
-use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
-use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
-use super::card::{self, Held, Presence, Refusal, Role, Terms};
-use super::domain::{Domain, DomainError};
+use super::card::{self, Card, Held, Presence, Refusal, Terms};
+use super::domain::Domain;
 use super::link::{Link, LinkError};
 use super::payload::Message;
 use super::stop::Stop;
 use super::wait::Waiter;
 use crate::wire::{Command, Sample};
 
-/// Readers of each service: the peer, a recorder, a live view, and one to spare.
-const MAX_READERS: usize = 4;
-/// Processes at a service: two players, the readers, and some that are being cleaned up.
-const MAX_NODES: usize = 16;
+pub use error::{ConnectError, Missing};
+use service::{Service, config, service, settle};
+
 /// Between two looks for a peer that has not come yet.
-const LOOK: Duration = Duration::from_millis(5);
+const LOOK: Duration = Duration::from_millis(1);
 /// A refused process stays this long, so that its peer reads its card and can say why too.
 const LINGER: Duration = Duration::from_millis(100);
-/// For how long to try to make a service or a port while a dead process is cleaned up.
-const SETTLE: Duration = Duration::from_secs(2);
 
-const WIRE_VERSION_KEY: &str = "wire-version";
-const RATE_KEY: &str = "rate-hz";
-
-/// The peer that has not come, and how to start it.
-#[derive(Clone, Debug)]
-pub struct Missing {
-    /// Who.
-    pub peer: Role,
-    /// Where.
-    pub domain: String,
-    /// Waited for until now.
-    pub waited: Duration,
-    /// The rate that it has to have, Hz.
-    pub rate_hz: u32,
+/// Who this end is connected to: that process and no other, for its successor
+/// knows nothing of the run.
+#[derive(Clone, Copy, Debug, Default)]
+struct Peer {
+    pid: u32,
+    publisher: Option<UniquePublisherId>,
 }
-
-impl fmt::Display for Missing {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { peer, domain, waited, rate_hz } = self;
-        write!(
-            f,
-            "no {peer} in domain `{domain}` after {:.1} s; start one with `{} --domain {domain} --rate {rate_hz}`",
-            waited.as_secs_f64(),
-            peer.start_hint()
-        )
-    }
-}
-
-/// Why two processes did not come together.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum ConnectError {
-    /// No peer in time.
-    #[error("{0}; --timeout sets how long to wait")]
-    PeerMissing(Missing),
-    /// The role is taken.
-    #[error(
-        "a {role} is already running in domain `{domain}`{}; end it, or choose another --domain for both sides",
-        by(*pid)
-    )]
-    RoleTaken {
-        /// Which role.
-        role: Role,
-        /// By which process, if it says.
-        pid: Option<u32>,
-        /// Where.
-        domain: String,
-    },
-    /// The peer's messages are of another version.
-    #[error(
-        "the {peer} speaks version {theirs} of the messages, this program version {ours}; build both from the same release"
-    )]
-    WireVersion {
-        /// Who.
-        peer: Role,
-        /// The peer's version.
-        theirs: u16,
-        /// This program's.
-        ours: u16,
-    },
-    /// The peer ticks at another rate.
-    #[error("the {peer} runs at {theirs} Hz, this program at {ours} Hz; give both the same --rate")]
-    Rate {
-        /// Who.
-        peer: Role,
-        /// The peer's rate, Hz.
-        theirs: u32,
-        /// This program's, Hz.
-        ours: u32,
-    },
-    /// The domain cannot be joined.
-    #[error(transparent)]
-    Domain(#[from] DomainError),
-    /// This process was told to stop, by a signal.
-    #[error("stopped by a signal while waiting for the {0}")]
-    Stopped(Role),
-    /// iceoryx2 or the system refused.
-    #[error("cannot {action} in domain `{domain}`: {cause}")]
-    Transport {
-        /// What was being done.
-        action: &'static str,
-        /// Where.
-        domain: String,
-        /// What the transport says.
-        cause: String,
-    },
-}
-
-fn by(pid: Option<u32>) -> String {
-    pid.map_or_else(String::new, |pid| format!(" (process {pid})"))
-}
-
-type Service<T> = PortFactory<ipc::Service, T, ()>;
 
 /// One end of a link, between processes.
 ///
@@ -147,10 +59,10 @@ pub struct ShmLink<Out: Message, In: Message> {
     outgoing: Service<Out>,
     incoming: Service<In>,
     node: Node<ipc::Service>,
-    _role: Held,
+    role: Held,
     domain: Arc<Domain>,
     terms: Terms,
-    peer_pid: Cell<u32>,
+    peer: Peer,
     stop: Stop,
     waiter: Waiter,
 }
@@ -241,30 +153,30 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
             outgoing,
             incoming,
             node,
-            _role: role,
+            role,
             domain: Arc::clone(domain),
             terms,
-            peer_pid: Cell::new(0),
+            peer: Peer::default(),
             stop: stop.clone(),
             waiter: Waiter::new(),
         })
     }
 
     fn wait_for_peer(
-        self,
+        mut self,
         timeout: Duration,
         mut watch: impl FnMut(&Missing) -> bool,
     ) -> Result<Self, ConnectError> {
         let start = Instant::now();
         loop {
-            if let Some(pid) = Self::agree(&self.domain, self.terms)?
-                && self.peer_has_ports()
-                // A publisher is mapped only by a look at its queue. Look now: what a peer sends
-                // before it is mapped is lost if it leaves before the first receive.
-                && self.subscriber.has_samples().is_ok()
-            {
-                self.peer_pid.set(pid);
-                return Ok(self);
+            if let Some(card) = Self::agree(&self.domain, self.terms)? {
+                if self.peer.pid != card.pid {
+                    self.meet(card.pid)?;
+                }
+                // Both ways, so that neither begins with a peer that is not there yet.
+                if self.peer.pid == card.pid && card.met == Some(std::process::id()) {
+                    return Ok(self);
+                }
             }
             if self.stop.is_raised() {
                 return Err(ConnectError::Stopped(In::SENDER));
@@ -283,8 +195,21 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
         }
     }
 
-    /// The peer's process, if it is there; an error if it does not fit.
-    fn agree(domain: &Arc<Domain>, ours: Terms) -> Result<Option<u32>, ConnectError> {
+    /// Gets ready to hear the process `pid`, if it has its ports, and says so.
+    fn meet(&mut self, pid: u32) -> Result<(), ConnectError> {
+        // A publisher is mapped only by a look at its queue. Look now: what a peer sends
+        // before it is mapped is lost if it leaves before the first receive.
+        if let Some(peer) = self.ports_of(pid)
+            && self.subscriber.has_samples().is_ok()
+        {
+            self.role.meet(pid).map_err(|e| failed(&self.domain, "write the role's card", &e))?;
+            self.peer = peer;
+        }
+        Ok(())
+    }
+
+    /// The peer's card, if it is there; an error if it does not fit.
+    fn agree(domain: &Arc<Domain>, ours: Terms) -> Result<Option<Card>, ConnectError> {
         let seen = card::presence(domain, In::SENDER)
             .map_err(|cause| failed(domain, "look for the peer", &cause))?;
         let Presence::Alive(Some(card)) = seen else {
@@ -292,7 +217,7 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
         };
         let theirs = card.terms;
         if theirs == ours {
-            return Ok(Some(card.pid));
+            return Ok(Some(card));
         }
         std::thread::sleep(LINGER);
         Err(if theirs.wire_version == ours.wire_version {
@@ -306,20 +231,30 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
         })
     }
 
-    fn peer_has_ports(&self) -> bool {
-        let peer = In::SENDER.as_str();
+    /// The peer, once both its ports are there. (A killed predecessor's may be, too.)
+    fn ports_of(&self, pid: u32) -> Option<Peer> {
+        let is_peer = |node: UniqueNodeId| {
+            node.pid::<ipc::Service>().is_ok_and(|id| u32::try_from(id.value()) == Ok(pid))
+        };
         let mut reads = false;
         self.outgoing.dynamic_config().list_subscribers(|port| {
-            reads |= port.subscriber_name == peer;
+            reads |= port.subscriber_name == In::SENDER.as_str() && is_peer(port.node_id);
             CallbackProgression::Continue
         });
-        reads && self.incoming.dynamic_config().number_of_publishers() > 0
+        let mut publisher = None;
+        self.incoming.dynamic_config().list_publishers(|port| {
+            if is_peer(port.node_id) {
+                publisher = Some(port.publisher_id);
+            }
+            CallbackProgression::Continue
+        });
+        (reads && publisher.is_some()).then_some(Peer { pid, publisher })
     }
 
     /// The peer's process.
     #[must_use]
     pub fn peer_pid(&self) -> u32 {
-        self.peer_pid.get()
+        self.peer.pid
     }
 
     /// Off the control path: whether the peer this end is connected to is still there.
@@ -327,7 +262,7 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
         if self.stop.is_raised() {
             return Err(LinkError::Stopped);
         }
-        let (role, pid) = (In::SENDER, self.peer_pid.get());
+        let (role, pid) = (In::SENDER, self.peer.pid);
         let seen = card::presence(&self.domain, role)
             .map_err(|cause| broken("look whether the peer lives", &cause))?;
         match seen {
@@ -343,7 +278,12 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
 
     fn poll(&self) -> Result<Option<In>, LinkError> {
         match self.subscriber.receive() {
-            Ok(message) => Ok(message.map(|message| *message)),
+            Ok(None) => Ok(None),
+            Ok(Some(message)) if Some(message.origin()) == self.peer.publisher => {
+                Ok(Some(*message))
+            }
+            // The peer's successor: what it says is not about this run.
+            Ok(Some(_)) => self.check_peer().map(|()| None),
             // A peer that dies while it connects shows as a failure here.
             Err(cause) => {
                 self.check_peer()?;
@@ -394,73 +334,5 @@ fn failed(domain: &Domain, action: &'static str, cause: &dyn Display) -> Connect
     ConnectError::Transport { action, domain: domain.name().to_owned(), cause: cause.to_string() }
 }
 
-/// iceoryx2's configuration for a domain: all its files in the domain's
-/// folder, all its shared memory under the domain's prefix.
-fn config(domain: &Domain) -> Result<Config, String> {
-    let mut config = Config::default();
-    config.global.prefix = FileName::new(domain.prefix().as_bytes()).map_err(|e| e.to_string())?;
-    let root = Path::new(domain.root().as_os_str().as_encoded_bytes())
-        .map_err(|cause| format!("{}: {cause}", domain.root().display()))?;
-    config.global.set_root_path(&root);
-    Ok(config)
-}
-
-/// Opens or makes the service that carries `T`.
-fn service<T: Message>(
-    node: &Node<ipc::Service>,
-    domain: &Domain,
-    terms: Terms,
-) -> Result<Service<T>, ConnectError> {
-    let name = T::SERVICE.try_into().map_err(|e| failed(domain, "name a service", &e))?;
-    let attributes =
-        attributes(terms).map_err(|cause| failed(domain, "describe a service", &cause))?;
-    settle(|| {
-        node.service_builder(&name)
-            .publish_subscribe::<T>()
-            .max_publishers(1)
-            .max_subscribers(MAX_READERS)
-            .max_nodes(MAX_NODES)
-            .subscriber_max_buffer_size(1)
-            .subscriber_max_borrowed_samples(1)
-            .history_size(0)
-            .enable_safe_overflow(true)
-            .open_or_create_with_attributes(&attributes)
-    })
-    .map_err(|cause| {
-        // The cards agreed, so this is no peer of ours: an observer's service, or another iceoryx2.
-        failed(
-            domain,
-            "open the service of the messages (made by a program of another version?)",
-            &cause,
-        )
-    })
-}
-
-/// What a service says of itself, for the `iox2` tool and for peers without a card.
-fn attributes(terms: Terms) -> Result<AttributeVerifier, String> {
-    let mut attributes = AttributeVerifier::new();
-    for (key, number) in
-        [(WIRE_VERSION_KEY, u32::from(terms.wire_version)), (RATE_KEY, terms.rate_hz)]
-    {
-        let key = AttributeKey::new(key.as_bytes()).map_err(|cause| cause.to_string())?;
-        let value = AttributeValue::new(number.to_string().as_bytes())
-            .map_err(|cause| cause.to_string())?;
-        attributes = attributes.require(&key, &value).map_err(|cause| cause.to_string())?;
-    }
-    Ok(attributes)
-}
-
-/// Repeats what fails only because a dead or leaving process is still being cleaned up.
-fn settle<T, E>(mut attempt: impl FnMut() -> Result<T, E>) -> Result<T, E> {
-    let deadline = Instant::now() + SETTLE;
-    let mut pause = Duration::from_millis(1);
-    loop {
-        match attempt() {
-            Err(_) if Instant::now() < deadline => {
-                std::thread::sleep(pause);
-                pause = (pause * 2).min(Duration::from_millis(50));
-            }
-            outcome => return outcome,
-        }
-    }
-}
+#[cfg(test)]
+mod tests;

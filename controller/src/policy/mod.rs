@@ -46,6 +46,10 @@ pub const MAX_TEST_VECTORS: usize = 16;
 /// Most points in a gain schedule.
 pub const MAX_GAIN_POINTS: usize = 16;
 
+/// The policy that comes with the crate: the trainer's preset `robust`, made by
+/// the command in `controller/policies/README.md`.
+pub const SHIPPED: &[u8] = crate::include_policy!("../../policies/robust.bin");
+
 /// Bytes before the manifest: magic, format version, length.
 const PREAMBLE_LEN: usize = 8 + 2 + 4;
 /// Bytes of the checksum at the end.

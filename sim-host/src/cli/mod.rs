@@ -1,20 +1,27 @@
-//! The `sim-host` command line.
+//! The `sim-host` command line: one file a subcommand.
 //!
-//! Exit status 0 when the run went well, 2 for what the user must change, 1
-//! for anything else.
+//! Exit status: 0 when all went well; 2 for what the caller can put right, a
+//! wrong option or bad input ([`Misuse`], and whatever clap refuses); 1 for any
+//! other failure, a leg that falls among them.
 
+mod apex;
 mod run;
+mod shore;
 
+use std::fmt;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-/// Plays the leg to a controller.
+/// Plays the leg to a controller. Without a command: the shore, the leg's way
+/// out of the sea onto land.
 #[derive(Debug, Parser)]
-#[command(name = "sim-host", version, about)]
+#[command(name = "sim-host", version, about, args_conflicts_with_subcommands = true)]
 struct Program {
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
+    #[command(flatten)]
+    shore: shore::Args,
 }
 
 #[derive(Debug, Subcommand)]
@@ -23,43 +30,39 @@ enum Command {
     Run(Box<run::Args>),
     /// Be the controller: as the `controller` program.
     Controller(controller::host::cli::Args),
-}
-
-/// Why a command failed.
-#[derive(Debug)]
-pub(crate) enum Failure {
-    /// The call, or a file that it names, must be changed.
-    Misuse(anyhow::Error),
-    /// It went wrong.
-    Failed(anyhow::Error),
-}
-
-impl Failure {
-    fn misuse(error: impl Into<anyhow::Error>) -> Self {
-        Self::Misuse(error.into())
-    }
-
-    fn failed(error: impl Into<anyhow::Error>) -> Self {
-        Self::Failed(error.into())
-    }
+    /// Take hops: from one apex to the next, for each row of a CSV file.
+    Apex(apex::Args),
 }
 
 /// Runs the program; gives its exit status.
 #[must_use]
 pub fn main() -> ExitCode {
-    let outcome = match Program::parse().command {
-        Command::Run(args) => run::main(*args),
-        Command::Controller(args) => return controller::host::cli::main(&args),
+    let program = Program::parse();
+    let outcome = match program.command {
+        None => shore::main(&program.shore),
+        Some(Command::Run(args)) => run::main(&args),
+        Some(Command::Apex(args)) => apex::main(&args),
+        Some(Command::Controller(args)) => return controller::host::cli::main(&args),
     };
-    match outcome {
-        Ok(status) => status,
-        Err(Failure::Misuse(error)) => {
-            eprintln!("sim-host: {error:#}");
-            ExitCode::from(2)
-        }
-        Err(Failure::Failed(error)) => {
-            eprintln!("sim-host: {error:#}");
-            ExitCode::from(1)
-        }
+    outcome.unwrap_or_else(|error| {
+        eprintln!("sim-host: {error:#}");
+        ExitCode::from(if error.is::<Misuse>() { 2 } else { 1 })
+    })
+}
+
+/// An error that the caller can put right: exit status 2.
+#[derive(Debug)]
+struct Misuse(String);
+
+impl fmt::Display for Misuse {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
     }
+}
+
+impl std::error::Error for Misuse {}
+
+/// What is said as an error that the caller can put right.
+fn misuse(error: impl fmt::Display) -> anyhow::Error {
+    Misuse(error.to_string()).into()
 }

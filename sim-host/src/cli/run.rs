@@ -11,7 +11,7 @@ use controller::host::memory::Inline;
 use controller::host::shm::ConnectError;
 use controller::host::{Role, Stop};
 
-use super::Failure;
+use super::misuse;
 use crate::scenario::{self, Scenario, Settings};
 use crate::session::child::ControllerCall;
 use crate::session::lock_step::{self, Ending, Options, Outcome};
@@ -28,12 +28,12 @@ pub(super) struct Args {
     #[command(flatten)]
     meeting: MeetingArgs,
     /// Start the controller too, in a process and a domain of its own.
-    #[arg(long, requires = "policy", conflicts_with = "in_process")]
+    #[arg(long, conflicts_with = "in_process")]
     spawn: bool,
     /// Run the controller in this process, without shared memory.
-    #[arg(long, requires = "policy")]
+    #[arg(long)]
     in_process: bool,
-    /// The policy that --spawn or --in-process runs.
+    /// The policy that --spawn or --in-process runs [default: the shipped one].
     #[arg(long, value_name = "FILE")]
     policy: Option<PathBuf>,
     /// Print the result as one JSON object.
@@ -41,18 +41,22 @@ pub(super) struct Args {
     json: bool,
 }
 
-pub(super) fn main(args: Args) -> Result<ExitCode, Failure> {
+pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let scenario =
-        scenario::load(args.scenario.as_deref(), args.settings).map_err(Failure::misuse)?;
-    let outcome = match &args.policy {
-        Some(policy) if args.in_process => in_process(&scenario, policy)?,
-        None | Some(_) => {
-            let policy = args.policy.filter(|_| args.spawn);
-            over_shared_memory(&scenario, &args.meeting, policy)?
-        }
+        scenario::load(args.scenario.as_deref(), args.settings.clone()).map_err(misuse)?;
+    if args.policy.is_some() && !args.spawn && !args.in_process {
+        return Err(misuse(
+            "--policy is for a controller that this program runs: add --spawn or --in-process, \
+             or give the policy to the controller that you start",
+        ));
+    }
+    let outcome = if args.in_process {
+        in_process(&scenario, args.policy.as_deref())?
+    } else {
+        over_shared_memory(&scenario, args)?
     };
     if args.json {
-        println!("{}", serde_json::to_string(&outcome.report()).map_err(Failure::failed)?);
+        println!("{}", serde_json::to_string(&outcome.report())?);
     } else {
         print_summary(&outcome);
     }
@@ -63,37 +67,34 @@ pub(super) fn main(args: Args) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn in_process(scenario: &Scenario, policy: &Path) -> Result<Outcome, Failure> {
-    let blob = PolicyBlob::read(policy).map_err(Failure::misuse)?;
-    let policy = blob.policy().map_err(Failure::misuse)?;
+fn in_process(scenario: &Scenario, policy: Option<&Path>) -> anyhow::Result<Outcome> {
+    let blob = PolicyBlob::load(policy).map_err(misuse)?;
+    let policy = blob.policy().map_err(misuse)?;
     let config = Config::at_rate(scenario.rate_hz)
         .and_then(|config| config.with_gravity(scenario.gravity_m_s2 as f32))
-        .map_err(Failure::misuse)?;
+        .map_err(misuse)?;
     let mut controller = Controller::new(policy, config);
     let mut link = Inline::new(|sample| controller.tick(Some(sample)));
-    lock_step::run(scenario, &mut link, Options::default(), |_| ()).map_err(Failure::failed)
+    Ok(lock_step::run(scenario, &mut link, Options::default(), |_| ())?)
 }
 
-fn over_shared_memory(
-    scenario: &Scenario,
-    meeting: &MeetingArgs,
-    spawn: Option<PathBuf>,
-) -> Result<Outcome, Failure> {
-    let domain = match (&meeting.domain, &spawn) {
+fn over_shared_memory(scenario: &Scenario, args: &Args) -> anyhow::Result<Outcome> {
+    let domain = if args.spawn && args.meeting.domain.is_none() {
         // Of its own: so that runs that start their controller never meet.
-        (None, Some(_)) => format!("run-{}", std::process::id()),
-        _ => meeting.domain().to_owned(),
+        format!("run-{}", std::process::id())
+    } else {
+        args.meeting.domain().to_owned()
     };
-    let timeout = meeting.timeout;
-    let start = spawn.map(|policy| ControllerCall {
-        policy: Some(policy),
+    let timeout = args.meeting.timeout;
+    let start = args.spawn.then(|| ControllerCall {
+        policy: args.policy.clone(),
         rate_hz: scenario.rate_hz,
         gravity_m_s2: scenario.gravity_m_s2,
         domain: domain.clone(),
         timeout,
     });
     let quiet = start.is_some();
-    let stop = Stop::on_signals().map_err(Failure::failed)?;
+    let stop = Stop::on_signals()?;
     let mut said = false;
     let tell = |missing: &controller::host::shm::Missing| {
         if !(said || quiet) && missing.waited >= SAY_AFTER {
@@ -103,9 +104,9 @@ fn over_shared_memory(
     };
     let meeting = Meeting { domain, timeout, start };
     two_processes::play(scenario, &meeting, &stop, tell, |_| ()).map_err(|error| match &error {
-        PlayError::Connect(ConnectError::Domain(DomainError::Name(_))) => Failure::misuse(error),
-        PlayError::Controller(status) if status.code() == Some(2) => Failure::misuse(error),
-        _ => Failure::failed(error),
+        PlayError::Connect(ConnectError::Domain(DomainError::Name(_))) => misuse(error),
+        PlayError::Controller(status) if status.code() == Some(2) => misuse(error),
+        _ => error.into(),
     })
 }
 

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::elongation::Elongation;
 use super::flight::Swim;
-use super::leg::Leg;
+use super::leg::{Leg, ParameterError, positive};
 use super::medium::Medium;
 use super::pair::Pair;
 use super::stance::{StanceEnd, punt};
@@ -45,11 +45,18 @@ pub struct Tolerance {
 
 impl Tolerance {
     /// As accurate as the golden cases ask: 1e-8 on every state and time.
-    pub const GOLDEN: Self = Self {
-        velocity_m_s: 1e-11,
-    };
+    pub const GOLDEN: Self = Self { velocity_m_s: 1e-11 };
     /// For training, where speed counts.
     pub const TRAINING: Self = Self { velocity_m_s: 1e-6 };
+
+    /// Any other. Below about 1e-13 rounding takes over.
+    ///
+    /// # Errors
+    /// A tolerance that is not finite or not above 0.
+    pub fn new(velocity_m_s: f64) -> Result<Self, ParameterError> {
+        positive("tolerance", velocity_m_s)?;
+        Ok(Self { velocity_m_s })
+    }
 }
 
 impl Default for Tolerance {
@@ -109,10 +116,7 @@ impl Outcome {
     #[must_use]
     pub fn next(&self) -> Option<Apex> {
         match self {
-            Self::Apex(apex) => Some(Apex {
-                vx_m_s: apex.vx_m_s,
-                y_m: apex.y_m,
-            }),
+            Self::Apex(apex) => Some(Apex { vx_m_s: apex.vx_m_s, y_m: apex.y_m }),
             Self::Fall => None,
         }
     }
@@ -152,26 +156,25 @@ impl Hopper {
 
     /// One hop: the first local maximum of the height after the start.
     ///
-    /// Total: a start that is not finite, or no higher than the ground, is a fall, and so is
-    /// an action that is not finite.
+    /// Total: a start that is not finite, or no higher than the ground, is a fall, and so are
+    /// an action that is not finite and a motion that overflows.
     #[must_use]
     pub fn hop(&self, start: Apex, action: Action) -> Hop {
-        let mut hop = Hop {
-            outcome: Outcome::Fall,
-            stance_phases: 0,
-            touchdown: None,
-            liftoff_t_s: None,
-        };
+        let mut hop =
+            Hop { outcome: Outcome::Fall, stance_phases: 0, touchdown: None, liftoff_t_s: None };
         let inputs = [start.vx_m_s, start.y_m, action.alpha_rad, action.rs_m_s];
-        if inputs.iter().all(|x| x.is_finite()) {
-            hop.outcome = self.follow(start, action, &mut hop);
+        if inputs.iter().all(|x| x.is_finite())
+            && let Outcome::Apex(next) = self.follow(start, action, &mut hop)
+            && [next.t_s, next.x_m, next.vx_m_s, next.y_m].iter().all(|x| x.is_finite())
+        {
+            hop.outcome = Outcome::Apex(next);
         }
         hop
     }
 
     /// Alternates flights and stances; notes the first stance in `hop`.
     fn follow(&self, start: Apex, action: Action, hop: &mut Hop) -> Outcome {
-        let (sin, cos) = action.alpha_rad.sin_cos();
+        let (sin, cos) = libm::sincos(action.alpha_rad);
         let reach_m = [self.rest_length_m * cos, self.rest_length_m * sin];
         let elongation = Elongation {
             rest_length_m: self.rest_length_m,
@@ -196,6 +199,9 @@ impl Hopper {
             let (way_m, touchdown_vx_m_s) = self.swim.horizontal(vx_m_s, drop.t_s);
             x_m += way_m;
             let x_foot_m = x_m - reach_m[0];
+            if !x_foot_m.is_finite() {
+                return Outcome::Fall;
+            }
             hop.stance_phases += 1;
             if hop.stance_phases == 1 {
                 hop.touchdown = Some(Touchdown { t_s, x_foot_m });
@@ -204,18 +210,10 @@ impl Hopper {
                 place_m: Pair(reach_m),
                 velocity_m_s: Pair([touchdown_vx_m_s, -drop.speed_m_s]),
             };
-            let end = punt(
-                &self.field,
-                touchdown,
-                &elongation,
-                self.tolerance.velocity_m_s,
-            );
+            let end = punt(&self.field, touchdown, &elongation, self.tolerance.velocity_m_s);
             match end {
                 StanceEnd::Fall => return Outcome::Fall,
-                StanceEnd::Apex {
-                    t_s: stance_s,
-                    state,
-                } => {
+                StanceEnd::Apex { t_s: stance_s, state } => {
                     return Outcome::Apex(NextApex {
                         t_s: t_s + stance_s,
                         x_m: x_foot_m + state.place_m[0],
@@ -224,10 +222,7 @@ impl Hopper {
                         in_stance: true,
                     });
                 }
-                StanceEnd::LiftOff {
-                    t_s: stance_s,
-                    state,
-                } => {
+                StanceEnd::LiftOff { t_s: stance_s, state } => {
                     t_s += stance_s;
                     if hop.stance_phases == 1 {
                         hop.liftoff_t_s = Some(t_s);

@@ -12,12 +12,12 @@ use super::medium::Medium;
 
 /// `ln(1 + x) / x`, continued through 0.
 fn ln_1p_over(x: f64) -> f64 {
-    if x.abs() < 1e-16 { 1.0 } else { x.ln_1p() / x }
+    if x.abs() < 1e-16 { 1.0 } else { libm::log1p(x) / x }
 }
 
 /// `atan(x) / x`, continued through 0.
 fn atan_over(x: f64) -> f64 {
-    if x.abs() < 1e-8 { 1.0 } else { x.atan() / x }
+    if x.abs() < 1e-8 { 1.0 } else { libm::atan(x) / x }
 }
 
 /// The accelerations of a leg in a medium, apart from the spring's.
@@ -59,11 +59,7 @@ impl Swim {
             drag_y_per_m,
             net_gravity_m_s2,
             rate_per_s: (drag_y_per_m * magnitude).sqrt(),
-            slowness_s_m: if magnitude > 0.0 {
-                (drag_y_per_m / magnitude).sqrt()
-            } else {
-                0.0
-            },
+            slowness_s_m: if magnitude > 0.0 { (drag_y_per_m / magnitude).sqrt() } else { 0.0 },
         }
     }
 
@@ -94,45 +90,36 @@ impl Swim {
     pub(super) fn drop(&self, speed_m_s: f64, height_m: f64) -> Option<Drop> {
         let (c, g) = (self.drag_y_per_m, self.net_gravity_m_s2);
         let exponent = 2.0 * c * height_m;
-        let lost = -(-exponent).exp_m1();
-        let kept = 1.0 - lost;
+        let lost = -libm::expm1(-exponent);
+        // Each of the two in full precision.
+        let kept = if exponent < 1.0 { 1.0 - lost } else { libm::exp(-exponent) };
         // (1 - exp(-2 c h)) / c, continued to 2 h at c = 0.
-        let twice_height_m = if exponent < 1e-16 {
-            2.0 * height_m
-        } else {
-            lost / c
-        };
+        let twice_height_m = if exponent < 1e-16 { 2.0 * height_m } else { lost / c };
         let squared = speed_m_s * speed_m_s * kept + g * twice_height_m;
         if squared < 0.0 || (squared == 0.0 && height_m > 0.0) {
             return None;
         }
         let end_m_s = squared.sqrt();
         if height_m == 0.0 {
-            return Some(Drop {
-                t_s: 0.0,
-                speed_m_s,
-            });
+            return Some(Drop { t_s: 0.0, speed_m_s });
         }
-        let mean_s = twice_height_m / (speed_m_s + end_m_s);
         let t_s = if g > 0.0 {
+            let mean_s = twice_height_m / (speed_m_s + end_m_s);
             let beta = self.slowness_s_m;
             let scaled_s = mean_s * (1.0 + beta * end_m_s) / (1.0 + beta * speed_m_s);
             if exponent < 40.0 {
                 let scaled_s = scaled_s / kept;
                 scaled_s * ln_1p_over(2.0 * self.rate_per_s * scaled_s)
             } else {
-                // The same to the last bit, before `kept` underflows.
+                // The same before `kept` underflows.
                 let twice_rate_per_s = 2.0 * self.rate_per_s;
-                (exponent + (twice_rate_per_s * scaled_s).ln()) / twice_rate_per_s
+                (exponent + libm::log(twice_rate_per_s * scaled_s + kept)) / twice_rate_per_s
             }
         } else {
-            let scaled_s = mean_s / (1.0 - c * speed_m_s * mean_s);
+            let scaled_s = twice_height_m / (end_m_s + kept * speed_m_s);
             scaled_s * atan_over(self.rate_per_s * scaled_s)
         };
-        Some(Drop {
-            t_s,
-            speed_m_s: end_m_s,
-        })
+        Some(Drop { t_s, speed_m_s: end_m_s })
     }
 
     /// When the vertical velocity passes 0; `None` where it does not.
@@ -144,20 +131,13 @@ impl Swim {
     /// Vertical way (upwards) and velocity after `t_s`.
     pub(super) fn vertical(&self, vy_m_s: f64, t_s: f64) -> (f64, f64) {
         // Looked at along the net force, every motion is a rise followed by a fall.
-        let up = if self.net_gravity_m_s2 < 0.0 {
-            -1.0
-        } else {
-            1.0
-        };
+        let up = if self.net_gravity_m_s2 < 0.0 { -1.0 } else { 1.0 };
         let (g, v) = (self.net_gravity_m_s2.abs(), up * vy_m_s);
         let (way_m, velocity_m_s) = if v <= 0.0 {
             self.sink(g, v, t_s)
         } else {
-            let climb_s = if g > 0.0 {
-                v / g * atan_over(v * self.slowness_s_m)
-            } else {
-                f64::INFINITY
-            };
+            let climb_s =
+                if g > 0.0 { v / g * atan_over(v * self.slowness_s_m) } else { f64::INFINITY };
             if t_s <= climb_s {
                 self.rise(g, v, t_s)
             } else {
@@ -173,11 +153,7 @@ impl Swim {
     fn rise(&self, g: f64, v: f64, t_s: f64) -> (f64, f64) {
         let c = self.drag_y_per_m;
         let angle = self.rate_per_s * t_s;
-        let tan_s = if angle < 1e-8 {
-            t_s
-        } else {
-            angle.tan() / self.rate_per_s
-        };
+        let tan_s = if angle < 1e-8 { t_s } else { libm::tan(angle) / self.rate_per_s };
         let way_m = v * tan_s * ln_1p_over(c * v * tan_s)
             - 0.5 * g * tan_s * tan_s * ln_1p_over(c * g * tan_s * tan_s);
         (way_m, (v - g * tan_s) / (1.0 + c * v * tan_s))
@@ -187,18 +163,101 @@ impl Swim {
     fn sink(&self, g: f64, v: f64, t_s: f64) -> (f64, f64) {
         let c = self.drag_y_per_m;
         let angle = self.rate_per_s * t_s;
-        let tanh_s = if angle < 1e-8 {
-            t_s
-        } else {
-            angle.tanh() / self.rate_per_s
-        };
+        let tanh_s = if angle < 1e-8 { t_s } else { libm::tanh(angle) / self.rate_per_s };
         // ln(cosh(angle)) / c; beyond 1 the first form would lose digits in 1 - tanh^2.
         let from_rest_m = if angle < 1.0 {
             0.5 * g * tanh_s * tanh_s * ln_1p_over(-c * g * tanh_s * tanh_s)
         } else {
-            (angle + (-2.0 * angle).exp().ln_1p() - std::f64::consts::LN_2) / c
+            (angle + libm::log1p(libm::exp(-2.0 * angle)) - std::f64::consts::LN_2) / c
         };
         let way_m = v * tanh_s * ln_1p_over(-c * v * tanh_s) - from_rest_m;
         (way_m, (v - g * tanh_s) / (1.0 - c * v * tanh_s))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A leg with drag `c` and net gravity `g`, by the equations' own parameters.
+    fn swim(c: f64, g: f64) -> Swim {
+        let slowness = if g == 0.0 { 0.0 } else { (c / g.abs()).sqrt() };
+        Swim {
+            drag_x_per_m: c,
+            drag_y_per_m: c,
+            net_gravity_m_s2: g,
+            rate_per_s: (c * g.abs()).sqrt(),
+            slowness_s_m: slowness,
+        }
+    }
+
+    /// The same by many small Runge-Kutta steps.
+    fn integrate(c: f64, g: f64, v: f64, t_s: f64) -> (f64, f64) {
+        const STEPS: u32 = 20_000;
+        let h = t_s / f64::from(STEPS);
+        let a = |v: f64| -c * v * v.abs() - g;
+        let (mut y, mut v) = (0.0, v);
+        for _ in 0..STEPS {
+            let k1 = a(v);
+            let k2 = a(v + 0.5 * h * k1);
+            let k3 = a(v + 0.5 * h * k2);
+            let k4 = a(v + h * k3);
+            y += h * v + h * h / 6.0 * (k1 + k2 + k3);
+            v += h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4);
+        }
+        (y, v)
+    }
+
+    #[test]
+    fn closed_form_solves_the_equation() {
+        for c in [0.0, 1e-300, 1e-9, 0.01, 0.6, 5.0] {
+            for g in [-3.0, -1e-6, 0.0, 1e-6, 1.6, 9.0] {
+                for v in [-8.0, -1.0, 0.0, 0.5, 7.0] {
+                    for t_s in [1e-3, 0.2, 3.0] {
+                        let (y, vy) = swim(c, g).vertical(v, t_s);
+                        let (y_by_steps, vy_by_steps) = integrate(c, g, v, t_s);
+                        let near = |a: f64, b: f64| (a - b).abs() < 1e-7 * b.abs().max(1.0);
+                        assert!(
+                            near(y, y_by_steps),
+                            "c {c} g {g} v {v} t {t_s}: y {y} {y_by_steps}"
+                        );
+                        assert!(near(vy, vy_by_steps), "c {c} g {g} v {v} t {t_s}: vy {vy}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_drop_ends_where_the_motion_is_then() {
+        for c in [0.0, 1e-300, 1e-17, 1e-9, 0.01, 0.6, 5.0] {
+            for g in [-3.0, -1e-6, 0.0, 1e-6, 1.6, 9.0] {
+                for speed in [0.0, 0.3, 1.5, 20.0] {
+                    for height in [1e-9, 0.1, 4.0, 60.0] {
+                        let swim = swim(c, g);
+                        let Some(drop) = swim.drop(speed, height) else {
+                            assert!(g <= 0.0, "c {c} g {g} speed {speed} height {height}");
+                            continue;
+                        };
+                        let (way, vy) = swim.vertical(-speed, drop.t_s);
+                        let case = format!("c {c} g {g} speed {speed} height {height} {drop:?}");
+                        assert!((way + height).abs() < 1e-10 * height.max(1e-3), "{case}: {way}");
+                        assert!((vy + drop.speed_m_s).abs() < 1e-8, "{case}: {vy}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_climb_ends_at_rest() {
+        for c in [0.0, 1e-300, 1e-9, 0.6, 5.0] {
+            let swim = swim(c, 9.0);
+            let (t_s, height) = swim.climb(6.0).unwrap();
+            let (way, vy) = swim.vertical(6.0, t_s);
+            assert!((way - height).abs() < 1e-13 && vy.abs() < 1e-13);
+            assert_eq!(swim.turn_s(6.0), Some(t_s));
+        }
+        assert!(swim(0.6, 0.0).climb(1.0).is_none());
     }
 }

@@ -183,10 +183,7 @@ mod tests {
         let mut parameters = *Leg::human().parameters();
         parameters.stiffness_n_m = -1.0;
         let error = Leg::new(parameters).unwrap_err();
-        assert_eq!(
-            error.to_string(),
-            "stiffness_n_m is -1; it must be a finite number above 0"
-        );
+        assert_eq!(error.to_string(), "stiffness_n_m is -1; it must be a finite number above 0");
         parameters = *Leg::human().parameters();
         parameters.volume_m3 = f64::NAN;
         assert!(Leg::new(parameters).is_err());

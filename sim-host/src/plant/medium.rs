@@ -16,21 +16,12 @@ impl Medium {
     /// Air on Earth, without drag or buoyancy.
     pub const AIR: Self = Self::on_earth(0.0);
     /// The surface of the Moon.
-    pub const MOON: Self = Self {
-        density_ratio: 0.0,
-        gravity_m_s2: 1.62,
-    };
+    pub const MOON: Self = Self { density_ratio: 0.0, gravity_m_s2: 1.62 };
     /// The surface of Mars, its thin air neglected.
-    pub const MARS: Self = Self {
-        density_ratio: 0.0,
-        gravity_m_s2: 3.71,
-    };
+    pub const MARS: Self = Self { density_ratio: 0.0, gravity_m_s2: 3.71 };
 
     const fn on_earth(density_ratio: f64) -> Self {
-        Self {
-            density_ratio,
-            gravity_m_s2: EARTH_GRAVITY_M_S2,
-        }
+        Self { density_ratio, gravity_m_s2: EARTH_GRAVITY_M_S2 }
     }
 
     /// Any medium. A ratio above the leg's own makes it buoyant, which is allowed.
@@ -40,10 +31,7 @@ impl Medium {
     pub fn new(density_ratio: f64, gravity_m_s2: f64) -> Result<Self, ParameterError> {
         not_negative("density_ratio", density_ratio)?;
         not_negative("gravity_m_s2", gravity_m_s2)?;
-        Ok(Self {
-            density_ratio,
-            gravity_m_s2,
-        })
+        Ok(Self { density_ratio, gravity_m_s2 })
     }
 
     /// The same gravity at another density.

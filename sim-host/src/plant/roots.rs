@@ -12,7 +12,7 @@ pub(super) fn first_crossing(
     start: Edge,
     end: Edge,
     width: f64,
-    f: impl Fn(f64) -> Edge,
+    mut f: impl FnMut(f64) -> Edge,
 ) -> Option<f64> {
     let sense = if start.0 == 0.0 { start.1 } else { start.0 };
     if sense == 0.0 {
@@ -52,11 +52,7 @@ fn guess(start: Edge, end: Edge, width: f64) -> f64 {
     let (d0, d1) = (start.1 * width, end.1 * width);
     let rise = end.0 - start.0;
     let (square, cube) = (3.0 * rise - 2.0 * d0 - d1, d0 + d1 - 2.0 * rise);
-    let mut part = if start.0 == 0.0 {
-        0.75
-    } else {
-        -start.0 / rise
-    };
+    let mut part = if start.0 == 0.0 { 0.75 } else { -start.0 / rise };
     for _ in 0..3 {
         let value = ((cube * part + square) * part + d0) * part + start.0;
         let slope = (3.0 * cube * part + 2.0 * square) * part + d0;
@@ -67,7 +63,7 @@ fn guess(start: Edge, end: Edge, width: f64) -> f64 {
 
 /// The root in `[a, b]` of a function above 0 just after `a` and not at `b`, by Newton's
 /// method; bisection takes over where that leaves the bracket.
-fn refine(f: impl Fn(f64) -> Edge, mut a: f64, mut b: f64, guess: f64) -> f64 {
+fn refine(mut f: impl FnMut(f64) -> Edge, mut a: f64, mut b: f64, guess: f64) -> f64 {
     let accuracy = 1e-9 * (b - a);
     let mut t = guess;
     for _ in 0..100 {
@@ -103,11 +99,8 @@ pub(super) fn falling_root(f: impl Fn(f64) -> f64, mut a: f64, mut b: f64) -> f6
             break;
         }
         let secant = b - at_b * width / (at_b - at_a);
-        let t = if round % 8 == 7 || !(secant > a && secant < b) {
-            a + 0.5 * width
-        } else {
-            secant
-        };
+        let t =
+            if round % 8 == 7 || !(secant > a && secant < b) { a + 0.5 * width } else { secant };
         if t <= a || t >= b {
             break;
         }
@@ -129,10 +122,7 @@ mod tests {
 
     /// (t - 0.3)(t - 0.35)(t - 0.9)
     fn cubic(t: f64) -> Edge {
-        (
-            ((t - 1.55) * t + 0.69) * t - 0.0945,
-            (3.0 * t - 3.1) * t + 0.69,
-        )
+        (((t - 1.55) * t + 0.69) * t - 0.0945, (3.0 * t - 3.1) * t + 0.69)
     }
 
     fn first_of_cubic(width: f64) -> Option<f64> {
@@ -153,10 +143,7 @@ mod tests {
         let root = first_crossing(hump(0.0), hump(5.0), 5.0, hump).unwrap();
         assert!((root - 2.0).abs() < 1e-14);
         assert_eq!(first_crossing(hump(0.0), hump(1.9), 1.9, hump), None);
-        assert_eq!(
-            first_crossing((0.0, 0.0), (0.0, 0.0), 1.0, |_| (0.0, 0.0)),
-            None
-        );
+        assert_eq!(first_crossing((0.0, 0.0), (0.0, 0.0), 1.0, |_| (0.0, 0.0)), None);
     }
 
     #[test]

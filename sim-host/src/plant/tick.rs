@@ -26,9 +26,6 @@ use super::roots::falling_root;
 use super::stance::{Corner, Stretch};
 use super::taylor::{Field, Jet, State};
 
-/// Coefficients of the series over a tick: fewer than over a whole stance, for ticks are short.
-const COEFFICIENTS: usize = 12;
-
 /// Bounds the work of one tick; beyond it, as after an overflow, the leg counts as fallen.
 const MOST_STRETCHES: u32 = 100_000;
 
@@ -174,7 +171,7 @@ impl TickPlant {
     pub fn leg_length_m(&self) -> f64 {
         match self.phase {
             Phase::Stance { foot_x_m, foot_y_m } => {
-                (self.body.x_m - foot_x_m).hypot(self.body.y_m - foot_y_m)
+                libm::hypot(self.body.x_m - foot_x_m, self.body.y_m - foot_y_m)
             }
             Phase::Flight | Phase::Fallen => self.leg.parameters().rest_length_m,
         }
@@ -206,11 +203,7 @@ impl TickPlant {
                 rest_length_m: p.rest_length_m,
                 max_m: p.max_elongation_m,
                 start_m: if follows { command.elongation_m } else { 0.0 },
-                rate_m_s: if follows {
-                    command.elongation_rate_m_s
-                } else {
-                    0.0
-                },
+                rate_m_s: if follows { command.elongation_rate_m_s } else { 0.0 },
             },
             angle_rad: command.leg_angle_rad,
             ground,
@@ -324,7 +317,7 @@ impl TickPlant {
         let (ramp, kink_s) = tick.elongation.ramp(from_s);
         let until_s = kink_s.min(tick.end_s);
         let limit_s = until_s - from_s;
-        let mut jet = Jet::<COEFFICIENTS>::new();
+        let mut jet = Jet::new();
         let stretch = Stretch::follow(
             &mut jet,
             &tick.field,
@@ -341,11 +334,7 @@ impl TickPlant {
             self.fall(from_s + t_s, body_at(&jet.at(t_s)), events);
             return from_s + t_s;
         }
-        let t_s = if stretch.t_s == limit_s {
-            until_s
-        } else {
-            from_s + stretch.t_s
-        };
+        let t_s = if stretch.t_s == limit_s { until_s } else { from_s + stretch.t_s };
         self.body = end;
         match stretch.corner {
             Corner::LiftOff => {
@@ -369,22 +358,13 @@ impl TickPlant {
     fn fall(&mut self, t_s: f64, body: Body, events: &mut TickEvents) {
         events.push(EventKind::Fall, t_s, body);
         self.phase = Phase::Fallen;
-        self.body = Body {
-            vx_m_s: 0.0,
-            vy_m_s: 0.0,
-            ..body
-        };
+        self.body = Body { vx_m_s: 0.0, vy_m_s: 0.0, ..body };
     }
 }
 
 impl Body {
     fn is_finite(&self) -> bool {
-        let Self {
-            x_m,
-            vx_m_s,
-            y_m,
-            vy_m_s,
-        } = self;
+        let Self { x_m, vx_m_s, y_m, vy_m_s } = self;
         [x_m, vx_m_s, y_m, vy_m_s].iter().all(|x| x.is_finite())
     }
 }
@@ -409,7 +389,7 @@ impl<G: Ground> Tick<'_, G> {
 /// Where the foot of the unloaded leg is.
 fn foot(body: &Body, angle_rad: f64, leg: &Leg) -> [f64; 2] {
     let length_m = leg.parameters().rest_length_m;
-    let (sin, cos) = angle_rad.sin_cos();
+    let (sin, cos) = libm::sincos(angle_rad);
     [body.x_m - length_m * cos, body.y_m - length_m * sin]
 }
 
@@ -417,10 +397,5 @@ fn foot(body: &Body, angle_rad: f64, leg: &Leg) -> [f64; 2] {
 fn fly(swim: &Swim, start: &Body, t_s: f64) -> Body {
     let (way_x_m, vx_m_s) = swim.horizontal(start.vx_m_s, t_s);
     let (way_y_m, vy_m_s) = swim.vertical(start.vy_m_s, t_s);
-    Body {
-        x_m: start.x_m + way_x_m,
-        vx_m_s,
-        y_m: start.y_m + way_y_m,
-        vy_m_s,
-    }
+    Body { x_m: start.x_m + way_x_m, vx_m_s, y_m: start.y_m + way_y_m, vy_m_s }
 }

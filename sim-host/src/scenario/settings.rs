@@ -85,7 +85,7 @@ pub struct Settings {
     /// Velocity asked for, m/s [default: 0].
     #[arg(long = "set-point", value_name = "M_S", allow_negative_numbers = true)]
     pub set_point_m_s: Option<f64>,
-    /// Its changes, as x<m>:<m/s> or t<s>:<m/s>, separated by commas.
+    /// Its changes, such as x30:1,t60:-0.5: from 30 m on 1 m/s, from 60 s on -0.5 m/s.
     #[arg(long = "set-point-steps", value_name = "STEPS", value_parser = parse_steps)]
     pub set_point_steps: Option<Steps>,
 

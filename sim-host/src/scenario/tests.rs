@@ -81,7 +81,7 @@ fn flags_win_over_the_file() {
     };
     let scenario = Scenario::from_settings(&flags.over(file)).unwrap();
     assert_eq!(scenario.medium_at(0.0), Medium::MOON, "a medium said here replaces the profile");
-    assert_eq!((scenario.duration_s, scenario.distance_m), (5.0, Some(45.0)));
+    assert_eq!((scenario.duration_s, scenario.distance_m), (5.0, Some(50.0)));
     assert_eq!(scenario.set_points, SetPoints { start_m_s: 1.5, steps: vec![] });
 }
 

@@ -10,9 +10,11 @@ type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Panel<'c, 'a> = ChartContext<'c, SVGBackend<'a>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 type DrawError = Box<dyn std::error::Error + Send + Sync>;
 
-const SIZE_PX: (u32, u32) = (1_400, 780);
-const MARGIN_PX: u32 = 12;
-const LEFT_PX: u32 = 62;
+/// The library draws on whole units: several of them a pixel make curves smooth.
+const UNITS_PER_PX: u32 = 4;
+const SIZE: (u32, u32) = (px(1_400), px(780));
+const MARGIN: u32 = px(12);
+const LEFT: u32 = px(62);
 const FONT: &str = "sans-serif";
 
 const INK: RGBColor = RGBColor(38, 44, 56);
@@ -22,6 +24,10 @@ const TOUCHDOWN: RGBColor = RGBColor(214, 96, 38);
 const LIFTOFF: RGBColor = RGBColor(20, 138, 118);
 const GROUND: RGBColor = RGBColor(196, 178, 142);
 
+const fn px(pixels: u32) -> u32 {
+    UNITS_PER_PX * pixels
+}
+
 /// Draws a run as SVG text; `density_at` gives the medium's density ratio at
 /// a place, m.
 ///
@@ -30,18 +36,20 @@ const GROUND: RGBColor = RGBColor(196, 178, 142);
 pub fn draw(track: &Track, density_at: impl Fn(f64) -> f64) -> Result<String, DrawError> {
     let mut svg = String::new();
     {
-        let root = SVGBackend::with_string(&mut svg, SIZE_PX).into_drawing_area();
+        let root = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
         root.fill(&WHITE)?;
-        let root = root.margin(MARGIN_PX, MARGIN_PX, MARGIN_PX, MARGIN_PX);
+        let root = root.margin(MARGIN, MARGIN, MARGIN, MARGIN);
         let x = extent(track);
-        let (top, rest) = root.split_vertically(path_height_px(track, &x));
-        let (middle, bottom) = rest.split_vertically(250);
+        let (top, rest) = root.split_vertically(path_height(track, &x));
+        let (middle, bottom) = rest.split_vertically(px(250));
         draw_path(&top, track, &x, &density_at)?;
         draw_velocity(&middle, track, &x)?;
         draw_density(&bottom, track, &x, &density_at)?;
         root.present()?;
     }
-    Ok(svg)
+    let [width, height] = [SIZE.0, SIZE.1].map(|units| units / UNITS_PER_PX);
+    let drawn = format!("width=\"{}\" height=\"{}\"", SIZE.0, SIZE.1);
+    Ok(svg.replacen(&drawn, &format!("width=\"{width}\" height=\"{height}\""), 1))
 }
 
 /// The places that the picture covers, m.
@@ -56,11 +64,10 @@ fn ceiling_m(track: &Track) -> f64 {
     track.path.iter().map(|p| p.1).fold(1.5, f64::max) + 0.3
 }
 
-/// Pixels of the path's panel such that a metre is as long up as along.
-fn path_height_px(track: &Track, x: &Range<f64>) -> u32 {
-    let width_px = f64::from(SIZE_PX.0 - 2 * MARGIN_PX - LEFT_PX);
-    let px_per_m = width_px / (x.end - x.start);
-    ((ceiling_m(track) + 0.15) * px_per_m) as u32 + 78
+/// Height of the path's panel such that a metre is as long up as along.
+fn path_height(track: &Track, x: &Range<f64>) -> u32 {
+    let units_per_m = f64::from(SIZE.0 - 2 * MARGIN - LEFT) / (x.end - x.start);
+    ((ceiling_m(track) + 0.15) * units_per_m) as u32 + px(78)
 }
 
 fn panel<'c, 'a>(
@@ -70,10 +77,10 @@ fn panel<'c, 'a>(
     y: Range<f64>,
 ) -> Result<Panel<'c, 'a>, DrawError> {
     Ok(ChartBuilder::on(area)
-        .caption(title, (FONT, 17).into_font().color(&INK))
-        .margin_top(6)
-        .x_label_area_size(38)
-        .y_label_area_size(LEFT_PX)
+        .caption(title, (FONT, px(17)).into_font().color(&INK))
+        .margin_top(px(6))
+        .x_label_area_size(px(38))
+        .y_label_area_size(LEFT)
         .build_cartesian_2d(x.clone(), y)?)
 }
 
@@ -84,7 +91,7 @@ fn mesh(panel: &mut Panel<'_, '_>, y: &str, y_labels: usize) -> Result<(), DrawE
         .light_line_style(TRANSPARENT)
         .bold_line_style(FAINT.mix(0.6))
         .axis_style(INK.mix(0.5))
-        .label_style((FONT, 13).into_font().color(&INK))
+        .label_style((FONT, px(13)).into_font().color(&INK))
         .x_labels(12)
         .y_labels(y_labels)
         .x_desc("distance, m")
@@ -102,23 +109,37 @@ fn draw_path(
     let title =
         "Out of the sea: the leg at touchdown (orange) and at lift-off (green), water in blue";
     let mut panel = panel(area, title, x, -0.15..ceiling_m(track))?;
-    let column_m = 0.25;
-    let columns = ((x.end - x.start) / column_m).ceil() as usize;
-    panel.draw_series((0..columns).map(|i| {
-        let from = x.start + column_m * i as f64;
-        let to = (from + column_m).min(x.end);
-        let shade = WATER.mix(0.42 * density_at(0.5 * (from + to)).clamp(0.0, 1.0));
+    panel.draw_series(shades(x, density_at).into_iter().map(|(from, to, density)| {
+        let shade = WATER.mix(0.42 * density.clamp(0.0, 1.0));
         Rectangle::new([(from, 0.0), (to, ceiling_m(track))], shade.filled())
     }))?;
     panel.draw_series([Rectangle::new([(x.start, -0.15), (x.end, 0.0)], GROUND.filled())])?;
     mesh(&mut panel, "height, m", 4)?;
     draw_legs(&mut panel, &track.touchdowns, TOUCHDOWN)?;
     draw_legs(&mut panel, &track.liftoffs, LIFTOFF)?;
-    panel.draw_series(LineSeries::new(track.path.iter().copied(), INK.stroke_width(1)))?;
+    panel.draw_series(LineSeries::new(track.path.iter().copied(), INK.stroke_width(px(1))))?;
     if let Some(fall) = track.fall {
-        panel.draw_series([Cross::new(fall, 7, RED.stroke_width(3))])?;
+        panel.draw_series([Cross::new(fall, px(7), RED.stroke_width(px(3)))])?;
     }
     Ok(())
+}
+
+/// Stretches of one density, m to m; narrow ones where it changes. Equal
+/// neighbours are one stretch, for the seam between two would show.
+fn shades(x: &Range<f64>, density_at: &impl Fn(f64) -> f64) -> Vec<(f64, f64, f64)> {
+    let column_m = 0.25;
+    let columns = ((x.end - x.start) / column_m).ceil() as usize;
+    let mut stretches: Vec<(f64, f64, f64)> = Vec::new();
+    for i in 0..columns {
+        let from = x.start + column_m * i as f64;
+        let to = (from + column_m).min(x.end);
+        let density = density_at(0.5 * (from + to));
+        match stretches.last_mut() {
+            Some((_, end, same)) if *same == density => *end = to,
+            _ => stretches.push((from, to, density)),
+        }
+    }
+    stretches
 }
 
 fn draw_legs(
@@ -127,9 +148,9 @@ fn draw_legs(
     color: RGBColor,
 ) -> Result<(), DrawError> {
     panel.draw_series(
-        legs.iter().map(|l| PathElement::new([l.foot, l.mass], color.mix(0.8).stroke_width(2))),
+        legs.iter().map(|l| PathElement::new([l.foot, l.mass], color.mix(0.8).stroke_width(px(2)))),
     )?;
-    panel.draw_series(legs.iter().map(|l| Circle::new(l.mass, 3, color.filled())))?;
+    panel.draw_series(legs.iter().map(|l| Circle::new(l.mass, px(3), color.filled())))?;
     Ok(())
 }
 
@@ -141,9 +162,9 @@ fn draw_velocity(area: &Area<'_>, track: &Track, x: &Range<f64>) -> Result<(), D
         panel(area, "Velocity at each apex (dots) and the set-point (line)", x, low..high)?;
     mesh(&mut panel, "velocity, m/s", 6)?;
     let asked = steps(track.apexes.iter().map(|a| (a.x_m, a.set_point_m_s)));
-    panel.draw_series(LineSeries::new(asked, TOUCHDOWN.stroke_width(2)))?;
+    panel.draw_series(LineSeries::new(asked, TOUCHDOWN.stroke_width(px(2))))?;
     panel.draw_series(
-        track.apexes.iter().map(|a| Circle::new((a.x_m, a.vx_m_s), 3, INK.filled())),
+        track.apexes.iter().map(|a| Circle::new((a.x_m, a.vx_m_s), px(3), INK.filled())),
     )?;
     Ok(())
 }
@@ -172,11 +193,11 @@ fn draw_density(
     let at = |i: usize| x.start + (x.end - x.start) * i as f64 / samples as f64;
     let truth = (0..=samples).map(|i| (at(i), density_at(at(i))));
     panel.draw_series(
-        AreaSeries::new(truth, 0.0, WATER.mix(0.25)).border_style(WATER.stroke_width(2)),
+        AreaSeries::new(truth, 0.0, WATER.mix(0.25)).border_style(WATER.stroke_width(px(2))),
     )?;
     mesh(&mut panel, "density ratio", 6)?;
     panel.draw_series(
-        track.apexes.iter().map(|a| Circle::new((a.x_m, a.density_estimate), 3, INK.filled())),
+        track.apexes.iter().map(|a| Circle::new((a.x_m, a.density_estimate), px(3), INK.filled())),
     )?;
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! What the run came to: a table for people, an object for scripts.
 
 use super::track::{ApexMark, Track};
+use crate::session::RoundTripUs;
 use serde::Serialize;
 use std::fmt;
 
@@ -15,29 +16,20 @@ pub struct Report {
     pub distance_m: f64,
     /// Density ratio where the run ended.
     pub end_rho: f64,
+    /// Simulated time, s.
+    pub sim_time_s: f64,
     /// Ticks played.
     pub ticks: u64,
     /// Ticks a second of wall time.
     pub ticks_per_s: f64,
     /// From sending a sample to having its command, us.
-    pub round_trip_us: RoundTrip,
+    pub round_trip_us: RoundTripUs,
     /// How well the set-point was kept.
     pub tracking: Regions<Tracking>,
     /// Largest error of the density estimate at an apex.
     pub rho_error_max: f64,
     /// Hash of every state and command of the run.
     pub state_hash: String,
-}
-
-/// Quantiles of a round trip, us.
-#[derive(Clone, Copy, Debug, Serialize)]
-pub struct RoundTrip {
-    /// Median.
-    pub p50: f64,
-    /// 99th percentile.
-    pub p99: f64,
-    /// Longest.
-    pub max: f64,
 }
 
 /// The same figure in the water, on the shore and on land.
@@ -109,9 +101,9 @@ impl fmt::Display for Report {
         let rho_errors = [water.rho_error_max, shore.rho_error_max, land.rho_error_max];
         row(f, "density estimate, max error", "", rho_errors)?;
         writeln!(f)?;
-        let RoundTrip { p50, p99, max } = self.round_trip_us;
-        let Self { falls, hops, distance_m, ticks, ticks_per_s, state_hash, .. } = self;
-        writeln!(f, "  {hops} hops, {falls} falls, {distance_m:.2} m")?;
+        let RoundTripUs { p50, p99, max, .. } = self.round_trip_us;
+        let Self { falls, hops, distance_m, sim_time_s, ticks, ticks_per_s, state_hash, .. } = self;
+        writeln!(f, "  {hops} hops, {falls} falls, {distance_m:.2} m in {sim_time_s:.1} s")?;
         writeln!(f, "  {ticks} ticks, {ticks_per_s:.0} a second")?;
         writeln!(f, "  tick round trip: p50 {p50:.1} us, p99 {p99:.1} us, max {max:.0} us")?;
         write!(f, "  state hash {state_hash}: the same in every run")

@@ -39,11 +39,7 @@ pub fn for_each_row(text: &str, mut visit: impl FnMut(&Row)) {
     let mut lines = text.lines();
     let header: Vec<&str> = lines.next().unwrap().split(',').collect();
     for (i, line) in lines.enumerate() {
-        visit(&Row {
-            line: i + 2,
-            header: &header,
-            cells: line.split(',').collect(),
-        });
+        visit(&Row { line: i + 2, header: &header, cells: line.split(',').collect() });
     }
 }
 
@@ -70,14 +66,8 @@ impl Case {
             line: row.line,
             leg: Leg::new(parameters).unwrap(),
             medium: Medium::new(row.number("rho"), gravity_m_s2).unwrap(),
-            start: Apex {
-                vx_m_s: row.number("vx"),
-                y_m: row.number("y"),
-            },
-            action: Action {
-                alpha_rad: row.number("alpha"),
-                rs_m_s: row.number("rs"),
-            },
+            start: Apex { vx_m_s: row.number("vx"), y_m: row.number("y") },
+            action: Action { alpha_rad: row.number("alpha"), rs_m_s: row.number("rs") },
         }
     }
 

@@ -1,0 +1,82 @@
+use super::*;
+use crate::host::card::Role;
+
+const SHORT: Duration = Duration::from_millis(50);
+const LONG: Duration = Duration::from_secs(10);
+
+fn domain(dir: &tempfile::TempDir) -> Arc<Domain> {
+    Domain::join_in(&dir.path().join("base"), "d").unwrap()
+}
+
+/// What both sides say when their terms differ.
+fn refusals(leg: Terms, controller: Terms) -> (ConnectError, ConnectError) {
+    let dir = tempfile::tempdir().unwrap();
+    std::thread::scope(|scope| {
+        let controlling = scope.spawn(|| {
+            ShmController::connect(&domain(&dir), controller, LONG, &Stop::default()).err()
+        });
+        let played = ShmLeg::connect(&domain(&dir), leg, LONG, &Stop::default()).err();
+        (played.expect("refused"), controlling.join().unwrap().expect("refused"))
+    })
+}
+
+#[test]
+fn another_wire_version_is_refused_on_both_sides() {
+    let ours = Terms::at(1000);
+    let next = Terms { wire_version: ours.wire_version + 1, ..ours };
+    let (leg, controller) = refusals(ours, next);
+    assert!(
+        matches!(leg, ConnectError::WireVersion { peer: Role::Controller, theirs, ours }
+            if theirs == ours + 1),
+        "{leg}"
+    );
+    assert!(
+        matches!(controller, ConnectError::WireVersion { peer: Role::Leg, theirs, ours }
+            if theirs + 1 == ours),
+        "{controller}"
+    );
+}
+
+/// A peer that keeps no card, as a later version may not: the services tell.
+#[test]
+fn a_service_of_another_version_is_refused_also_without_a_card() {
+    let dir = tempfile::tempdir().unwrap();
+    let domain = domain(&dir);
+    let node = NodeBuilder::new()
+        .config(&config(&domain).unwrap())
+        .signal_handling_mode(SignalHandlingMode::Disabled)
+        .create::<ipc::Service>()
+        .unwrap();
+    let next = Terms { wire_version: 2, rate_hz: 1000 };
+    let _theirs = service::<Sample>(&node, &domain, next).unwrap();
+    let refused = ShmLeg::connect(&domain, Terms::at(1000), SHORT, &Stop::default());
+    let message = refused.expect_err("refused").to_string();
+    assert!(message.contains("another version") && message.contains("Attributes"), "{message}");
+}
+
+#[test]
+fn a_missing_peer_is_waited_for_as_long_as_told_or_until_given_up() {
+    let dir = tempfile::tempdir().unwrap();
+    let domain = domain(&dir);
+    let start = Instant::now();
+    let missing = ShmLeg::connect(&domain, Terms::at(500), SHORT, &Stop::default());
+    assert!(start.elapsed() >= SHORT);
+    let message = missing.expect_err("nobody there").to_string();
+    assert!(message.contains("no controller in domain `d`"), "{message}");
+    assert!(message.contains("--rate 500"), "{message}");
+
+    let mut looks = 0;
+    let given_up =
+        ShmLeg::connect_watching(&domain, Terms::at(500), LONG, &Stop::default(), |missing| {
+            assert_eq!(missing.peer, Role::Controller);
+            looks += 1;
+            looks < 3
+        });
+    assert!(matches!(given_up, Err(ConnectError::PeerMissing(_))));
+    assert_eq!(looks, 3);
+
+    let stop = Stop::default();
+    stop.raise();
+    let stopped = ShmLeg::connect(&domain, Terms::at(500), LONG, &stop);
+    assert!(matches!(stopped, Err(ConnectError::Stopped(Role::Controller))));
+}

@@ -1,0 +1,236 @@
+//! `sim-host apex`: the apex map over a table of cases.
+
+use std::fs::File;
+use std::io::{self, BufReader, Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use crate::output::replace;
+use crate::plant::{Action, Apex, Hop, Hopper, Leg, Medium, Outcome};
+use anyhow::Context;
+use csv::StringRecord;
+
+use super::Misuse;
+
+const COLUMNS: &str = "\
+Input columns, in any order, found by their names in the first line:
+  vx     horizontal velocity at the apex, m/s (required)
+  y      height at the apex, m, above 0 (required)
+  alpha  touchdown angle from the +x axis, rad (required)
+  rs     elongation speed, m/s, 0 or more (required)
+  m      dry mass, kg (80)
+  k      spring stiffness, N/m (20000)
+  g      gravity, m/s2 (9.81)
+  rho    density ratio: 1 water, 0 air (0)
+Others are ignored.
+
+Output columns: m, k, g, rho, vx, y, alpha, rs, then
+  outcome                         apex, apex_in_stance or fall
+  hops                            stances begun
+  t_touchdown, x_foot, t_liftoff  of the first stance, s and m
+  t_apex, x_apex, vx_next, y_next the next apex
+Times and places count from the start; a cell is empty where there is nothing to tell.
+Numbers have the digits it takes to read the same number back.
+
+After an error nothing is written. Exit status: 2 for bad input, 1 for another failure.";
+
+/// Takes hops: from one apex to the next, for each row of a CSV file.
+#[derive(Debug, clap::Args)]
+#[command(after_help = COLUMNS)]
+pub(super) struct Args {
+    /// The cases; - reads from standard input.
+    #[arg(long, value_name = "FILE", default_value = "-")]
+    input: PathBuf,
+    /// Where the hops go; - writes to standard output.
+    #[arg(long, value_name = "FILE", default_value = "-")]
+    output: PathBuf,
+}
+
+/// An input column: its name, what stands in where it is absent, and what it may hold.
+struct Column {
+    name: &'static str,
+    default: Option<f64>,
+    allowed: &'static str,
+    allows: fn(f64) -> bool,
+}
+
+const POSITIVE: &str = "a number above 0";
+const NOT_NEGATIVE: &str = "a number, 0 or more";
+const FINITE: &str = "a number";
+
+/// The input columns in the order of the output.
+fn columns() -> [Column; 8] {
+    let leg = *Leg::human().parameters();
+    let medium = Medium::default();
+    let column = |name, default, allowed| Column {
+        name,
+        default,
+        allowed,
+        allows: match allowed {
+            POSITIVE => |x| x > 0.0,
+            NOT_NEGATIVE => |x| x >= 0.0,
+            _ => |_| true,
+        },
+    };
+    [
+        column("m", Some(leg.mass_kg), POSITIVE),
+        column("k", Some(leg.stiffness_n_m), POSITIVE),
+        column("g", Some(medium.gravity_m_s2()), NOT_NEGATIVE),
+        column("rho", Some(medium.density_ratio()), NOT_NEGATIVE),
+        column("vx", None, FINITE),
+        column("y", None, POSITIVE),
+        column("alpha", None, FINITE),
+        column("rs", None, NOT_NEGATIVE),
+    ]
+}
+
+const RESULTS: [&str; 9] = [
+    "outcome",
+    "hops",
+    "t_touchdown",
+    "x_foot",
+    "t_liftoff",
+    "t_apex",
+    "x_apex",
+    "vx_next",
+    "y_next",
+];
+
+/// Reads the cases, takes the hops, and writes them once all have succeeded.
+pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
+    let name = args.input.display();
+    let hops = if is_standard(&args.input) {
+        convert(io::stdin().lock(), "standard input")?
+    } else {
+        let file = File::open(&args.input)
+            .map_err(|error| Misuse(format!("cannot open {name}: {error}")))?;
+        convert(BufReader::new(file), &name.to_string())?
+    };
+    if is_standard(&args.output) {
+        match io::stdout().lock().write_all(&hops) {
+            // Whoever reads has read enough.
+            Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {}
+            result => result.context("cannot write to standard output")?,
+        }
+    } else {
+        replace(&args.output, &hops)
+            .with_context(|| format!("cannot write {}", args.output.display()))?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn is_standard(path: &Path) -> bool {
+    path.as_os_str() == "-"
+}
+
+/// The output for an input.
+fn convert(input: impl Read, name: &str) -> anyhow::Result<Vec<u8>> {
+    let columns = columns();
+    let mut reader =
+        csv::ReaderBuilder::new().flexible(true).trim(csv::Trim::All).from_reader(input);
+    let header = reader.headers().map_err(|error| unreadable(name, &error))?;
+    let places = places(&columns, header, name)?;
+    let width = header.len();
+
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    writer.write_record(columns.iter().map(|c| c.name).chain(RESULTS))?;
+    let mut row = StringRecord::new();
+    while reader.read_record(&mut row).map_err(|error| unreadable(name, &error))? {
+        let line = row.position().map_or(0, csv::Position::line);
+        if row.len() != width {
+            let message =
+                format!("{name}, line {line}: {} cells where the header has {width}", row.len());
+            return Err(Misuse(message).into());
+        }
+        let mut values = [0.0; 8];
+        let mut texts: [String; 8] = Default::default();
+        for (i, column) in columns.iter().enumerate() {
+            (values[i], texts[i]) = match (places[i], column.default) {
+                (Some(place), _) => {
+                    let text = &row[place];
+                    (column.parse(text, name, line)?, text.to_owned())
+                }
+                (None, default) => {
+                    let value = default.unwrap_or_default();
+                    (value, format!("{value:?}"))
+                }
+            };
+        }
+        let hop = hop(values).with_context(|| format!("{name}, line {line}"))?;
+        writer.write_record(texts.into_iter().chain(results(&hop)))?;
+    }
+    Ok(writer.into_inner()?)
+}
+
+/// Where in a row each column is.
+fn places(
+    columns: &[Column; 8],
+    header: &StringRecord,
+    name: &str,
+) -> Result<[Option<usize>; 8], Misuse> {
+    let mut places = [None; 8];
+    for (place, column) in places.iter_mut().zip(columns) {
+        let mut found = (0..header.len()).filter(|&i| &header[i] == column.name);
+        *place = found.next();
+        if found.next().is_some() {
+            return Err(Misuse(format!("{name}, line 1: more than one column {}", column.name)));
+        }
+        if place.is_none() && column.default.is_none() {
+            return Err(Misuse(format!(
+                "{name}, line 1: no column {}; vx, y, alpha and rs are required",
+                column.name
+            )));
+        }
+    }
+    Ok(places)
+}
+
+impl Column {
+    fn parse(&self, text: &str, name: &str, line: u64) -> Result<f64, Misuse> {
+        match text.parse::<f64>() {
+            Ok(value) if value.is_finite() && (self.allows)(value) => Ok(value),
+            _ => Err(Misuse(format!(
+                "{name}, line {line}, column {}: {text:?}; it must be {}",
+                self.name, self.allowed
+            ))),
+        }
+    }
+}
+
+/// The hop of one row.
+fn hop([m, k, g, rho, vx, y, alpha, rs]: [f64; 8]) -> anyhow::Result<Hop> {
+    let mut parameters = *Leg::human().parameters();
+    parameters.mass_kg = m;
+    parameters.stiffness_n_m = k;
+    let misuse = |error: crate::plant::ParameterError| Misuse(error.to_string());
+    let leg = Leg::new(parameters).map_err(misuse)?;
+    let medium = Medium::new(rho, g).map_err(misuse)?;
+    let start = Apex { vx_m_s: vx, y_m: y };
+    let action = Action { alpha_rad: alpha, rs_m_s: rs };
+    Ok(Hopper::new(&leg, medium).hop(start, action))
+}
+
+/// The cells of [`RESULTS`].
+fn results(hop: &Hop) -> [String; 9] {
+    let number = |value: Option<f64>| value.map_or_else(String::new, |x| format!("{x:?}"));
+    let (outcome, next) = match hop.outcome {
+        Outcome::Apex(next) if next.in_stance => ("apex_in_stance", Some(next)),
+        Outcome::Apex(next) => ("apex", Some(next)),
+        Outcome::Fall => ("fall", None),
+    };
+    [
+        outcome.to_owned(),
+        hop.stance_phases.to_string(),
+        number(hop.touchdown.map(|t| t.t_s)),
+        number(hop.touchdown.map(|t| t.x_foot_m)),
+        number(hop.liftoff_t_s),
+        number(next.map(|n| n.t_s)),
+        number(next.map(|n| n.x_m)),
+        number(next.map(|n| n.vx_m_s)),
+        number(next.map(|n| n.y_m)),
+    ]
+}
+
+fn unreadable(name: &str, error: &csv::Error) -> Misuse {
+    Misuse(format!("{name}: {error}"))
+}

@@ -1,0 +1,157 @@
+//! `sim-host` alone: the main job.
+
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Duration;
+
+use anyhow::Context;
+use controller::host::Stop;
+use controller::host::blob::PolicyBlob;
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::misuse;
+use crate::output;
+use crate::scenario::Scenario;
+use crate::session::TickRecord;
+use crate::session::child::ControllerCall;
+use crate::session::two_processes::{self, Meeting};
+use crate::shore::track::ApexMark;
+use crate::shore::{Recorder, picture};
+
+/// A line of the journal every so many metres.
+const JOURNAL_M: f64 = 5.0;
+/// How long either process waits for the other.
+const TIMEOUT: Duration = Duration::from_secs(10);
+
+/// Walks the shipped policy out of the sea, over the shore, onto land.
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// The policy to run [default: the shipped one].
+    #[arg(long, value_name = "FILE")]
+    policy: Option<PathBuf>,
+    /// Where the picture goes.
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    out: PathBuf,
+    /// Print the result as one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
+    let name = policy_name(args.policy.as_deref())?;
+    let scenario = Scenario::shore();
+    let mut journal = (!args.json).then(|| Journal::begin(&name, &scenario));
+    let mut recorder = Recorder::default();
+    let stop = Stop::on_signals()?;
+    let meeting = meeting(args, &scenario);
+    let outcome = two_processes::play(
+        &scenario,
+        &meeting,
+        &stop,
+        |_| (),
+        |tick| {
+            let apex = recorder.observe(tick);
+            if let Some(journal) = &mut journal {
+                journal.tick(tick, apex);
+            }
+        },
+    )?;
+    if let Some(journal) = &journal {
+        journal.end();
+    }
+
+    let report = recorder.report(&outcome, scenario.density.at(outcome.body.x_m));
+    let file = draw(&args.out, &recorder, &scenario)?;
+    if args.json {
+        println!("{}", serde_json::to_string(&report)?);
+    } else {
+        println!("\n{report}\n  picture: {}", file.display());
+    }
+    if report.falls > 0 {
+        eprintln!("sim-host: the leg fell at x = {:.2} m", outcome.body.x_m);
+        return Ok(ExitCode::FAILURE);
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Checked here first: what is wrong with a policy is then said once, by the
+/// process that was called.
+fn policy_name(path: Option<&Path>) -> anyhow::Result<String> {
+    let blob = PolicyBlob::load(path).map_err(misuse)?;
+    let policy = blob.policy().map_err(misuse)?;
+    Ok(policy.manifest().name.to_owned())
+}
+
+fn meeting(args: &Args, scenario: &Scenario) -> Meeting {
+    // A domain of its own: two runs at once never meet.
+    let domain = format!("shore-{}", std::process::id());
+    let call = ControllerCall {
+        policy: args.policy.clone(),
+        rate_hz: scenario.rate_hz,
+        gravity_m_s2: scenario.gravity_m_s2,
+        domain: domain.clone(),
+        timeout: TIMEOUT,
+    };
+    Meeting { domain, timeout: TIMEOUT, start: Some(call) }
+}
+
+fn draw(folder: &Path, recorder: &Recorder, scenario: &Scenario) -> anyhow::Result<PathBuf> {
+    let svg = picture::draw(recorder.track(), |x_m| scenario.density.at(x_m))
+        .map_err(|cause| anyhow::anyhow!("cannot draw the picture: {cause}"))?;
+    let file = folder.join("shore.svg");
+    std::fs::create_dir_all(folder)
+        .and_then(|()| output::replace(&file, svg.as_bytes()))
+        .with_context(|| {
+            format!("cannot write {}; --out chooses another folder", file.display())
+        })?;
+    Ok(file)
+}
+
+/// The run as it goes: a bar on a terminal, a line every few metres anywhere.
+struct Journal {
+    bar: ProgressBar,
+    next_m: f64,
+}
+
+impl Journal {
+    fn begin(policy: &str, scenario: &Scenario) -> Self {
+        println!(
+            "Out of the sea: policy `{policy}`, {} Hz, lock-step, two processes\n",
+            scenario.rate_hz
+        );
+        println!(
+            "  {:>7}  {:>8}  {:>12}  {:>9}  {:>7}  {:>9}",
+            "time", "distance", "apex velocity", "set-point", "density", "estimated"
+        );
+        let bar = if std::io::stderr().is_terminal() {
+            let length_m = scenario.distance_m.unwrap_or(scenario.duration_s);
+            ProgressBar::new((1e3 * length_m) as u64)
+        } else {
+            ProgressBar::hidden()
+        };
+        let style = ProgressStyle::with_template("  {wide_bar} {msg} ETA {eta}");
+        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+        Self { bar, next_m: 0.0 }
+    }
+
+    fn tick(&mut self, tick: &TickRecord<'_>, apex: Option<ApexMark>) {
+        let Some(apex) = apex else { return };
+        self.bar.set_position((1e3 * tick.body.x_m.max(0.0)) as u64);
+        self.bar.set_message(format!("{:.1} m, {:.2} m/s", apex.x_m, apex.vx_m_s));
+        if apex.x_m >= self.next_m {
+            self.next_m = (apex.x_m / JOURNAL_M).floor() * JOURNAL_M + JOURNAL_M;
+            let ApexMark {
+                t_s, x_m, vx_m_s, set_point_m_s, density_ratio, density_estimate, ..
+            } = apex;
+            let line = format!(
+                "  {t_s:>5.1} s  {x_m:>6.2} m  {vx_m_s:>8.3} m/s  {set_point_m_s:>5.1} m/s  {density_ratio:>7.3}  {density_estimate:>9.3}"
+            );
+            self.bar.suspend(|| println!("{line}"));
+        }
+    }
+
+    fn end(&self) {
+        self.bar.finish_and_clear();
+    }
+}

@@ -1,0 +1,229 @@
+//! Real processes over real shared memory: meeting, parting, and dying.
+
+mod place;
+
+use std::fs;
+use std::time::Duration;
+
+use place::{Place, text};
+use rustix::process::Signal;
+
+/// Time for the machine to notice a death, well within the timeout given.
+const SOON: Duration = Duration::from_secs(8);
+const PATIENT: [&str; 2] = ["--timeout", "30"];
+/// Outlives its test.
+const ENDLESS: [&str; 4] = ["--duration", "80000", "--timeout", "30"];
+const SHORT: [&str; 4] = ["--duration", "20", "--start-vx", "0.2"];
+
+#[test]
+fn the_same_run_has_the_same_hash_with_any_controller() {
+    let place = Place::new();
+    let spawned = place.alone(&[&["--spawn"], &SHORT[..]].concat()).end();
+    let again = place.alone(&[&["--spawn"], &SHORT[..]].concat()).end();
+    let within = place.alone(&[&["--in-process"], &SHORT[..]].concat()).end();
+    let controller = place.controller(&PATIENT);
+    let apart = place.simulator(&[&SHORT[..], &PATIENT].concat()).end();
+    let controller = controller.end();
+
+    let hash = within.assert_ok().state_hash();
+    for run in [&spawned, &again, &apart] {
+        assert_eq!(run.assert_ok().state_hash(), hash);
+        assert!(run.out.contains("20000 ticks"), "{}", run.out);
+        assert_eq!(run.err, "");
+    }
+    controller.assert_ok();
+    assert!(controller.out.contains("20000 ticks"), "{}", controller.out);
+    assert!(controller.out.contains("0 samples rejected"), "{}", controller.out);
+
+    let json = place.alone(&[&["--in-process", "--json"], &SHORT[..]].concat()).end();
+    let report: serde_json::Value = serde_json::from_str(&json.assert_ok().out).expect("JSON");
+    assert_eq!(report["state_hash"], hash.as_str());
+    assert_eq!(report["ticks"], 20_000);
+    place.assert_clean();
+}
+
+#[test]
+fn a_missing_peer_is_named_with_the_command_that_starts_it() {
+    let place = Place::new();
+    let simulator = place.simulator(&["--timeout", "1.5"]).end();
+    simulator.assert(1, &["still waiting", "no controller", "controller --policy", "--timeout"]);
+    assert!(simulator.took >= Duration::from_millis(1400) && simulator.took < SOON);
+    let controller = place.controller(&["--timeout", "0.3"]).end();
+    controller.assert(1, &["no simulator", "sim-host run --domain test --rate 1000"]);
+    place.assert_clean();
+}
+
+#[test]
+fn a_killed_controller_is_reported_and_may_be_started_again() {
+    let place = Place::new();
+    for _ in 0..2 {
+        let simulator = place.simulator(&ENDLESS);
+        let mut controller = place.controller(&PATIENT);
+        place.wait_for_the_run(None);
+        let pid = controller.pid();
+        controller.kill();
+        let simulator = simulator.end();
+        simulator.assert(1, &[&format!("the controller (process {pid}) died"), "start it again"]);
+        assert!(simulator.took < SOON, "{:?}", simulator.took);
+        place.assert_clean();
+    }
+}
+
+#[test]
+fn a_killed_simulator_is_reported_and_may_be_started_again() {
+    let place = Place::new();
+    for _ in 0..2 {
+        let mut simulator = place.simulator(&ENDLESS);
+        let controller = place.controller(&PATIENT);
+        place.wait_for_the_run(None);
+        let pid = simulator.pid();
+        simulator.kill();
+        let controller = controller.end();
+        controller.assert(1, &[&format!("the simulator (process {pid}) died")]);
+        assert!(controller.took < SOON, "{:?}", controller.took);
+        place.assert_clean();
+    }
+}
+
+#[test]
+fn a_peer_may_be_started_anew_while_the_killed_one_is_still_unnoticed() {
+    let place = Place::new();
+    let mut simulator = place.simulator(&ENDLESS);
+    let controller = place.controller(&PATIENT);
+    place.wait_for_the_run(None);
+    // It cannot notice, nor clean up after its peer.
+    simulator.signal(Signal::STOP);
+    controller.kill();
+    let successor = place.controller(&PATIENT);
+    std::thread::sleep(Duration::from_millis(300));
+    simulator.signal(Signal::CONT);
+    simulator.end().assert(1, &["the controller", "died"]);
+    // The successor was never part of that run: it waits for the next.
+    place.simulator(&[&SHORT[..], &PATIENT].concat()).end().assert_ok();
+    successor.end().assert_ok();
+    place.assert_clean();
+}
+
+#[test]
+fn signals_end_a_run_in_good_order() {
+    let place = Place::new();
+    for signal in [Signal::INT, Signal::TERM, Signal::HUP] {
+        let mut simulator = place.simulator(&ENDLESS);
+        let controller = place.controller(&PATIENT);
+        place.wait_for_the_run(None);
+        simulator.signal(signal);
+        simulator.end().assert(1, &["stopped by a signal"]);
+        controller.end().assert(1, &["the simulator", "left before the run was over"]);
+        place.assert_clean();
+    }
+    let simulator = place.simulator(&ENDLESS);
+    let mut controller = place.controller(&PATIENT);
+    place.wait_for_the_run(None);
+    controller.signal(Signal::TERM);
+    controller.end().assert(1, &["stopped by a signal"]);
+    simulator.end().assert(1, &["the controller", "left before the run was over"]);
+    place.assert_clean();
+
+    // Also while it waits.
+    let mut alone = place.simulator(&PATIENT);
+    while !place.base().join("test/leg.card").exists() {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    alone.signal(Signal::INT);
+    alone.end().assert(1, &["stopped by a signal while waiting for the controller"]);
+    place.assert_clean();
+}
+
+#[test]
+fn a_second_player_of_a_role_is_refused() {
+    let place = Place::new();
+    let mut simulator = place.simulator(&ENDLESS);
+    let mut controller = place.controller(&PATIENT);
+    place.wait_for_the_run(None);
+    let taken = |role: &str, pid: u32| {
+        format!("a {role} is already running in domain `test` (process {pid})")
+    };
+    place
+        .controller(&PATIENT)
+        .end()
+        .assert(1, &[&taken("controller", controller.pid()), "--domain"]);
+    place.simulator(&PATIENT).end().assert(1, &[&taken("simulator", simulator.pid()), "--domain"]);
+    // The first two did not notice.
+    simulator.signal(Signal::INT);
+    simulator.end().assert(1, &["stopped by a signal"]);
+    controller.end().assert(1, &["left"]);
+    place.assert_clean();
+}
+
+#[test]
+fn a_rate_that_disagrees_is_refused_on_both_sides() {
+    let place = Place::new();
+    let simulator = place.simulator(&[&["--rate", "2000"], &PATIENT[..]].concat());
+    let controller = place.controller(&PATIENT).end();
+    let simulator = simulator.end();
+    controller.assert(1, &["the simulator runs at 2000 Hz, this program at 1000 Hz"]);
+    simulator.assert(1, &["the controller runs at 1000 Hz, this program at 2000 Hz"]);
+    place.assert_clean();
+}
+
+#[test]
+fn what_cannot_be_run_is_refused_with_status_2() {
+    let place = Place::new();
+    let missing = text(&place.base()).to_owned() + ".none";
+    place.controller(&["--rate", "7"]).end().assert(2, &["7 Hz", "50"]);
+    place.controller(&["--timeout=-1"]).end().assert(2, &["--timeout", "-1", "above 0"]);
+    place.simulator(&["--scenario", &missing]).end().assert(2, &["cannot read", &missing]);
+    place.simulator(&["--set-point", "99"]).end().assert(2, &["set_point_m_s", "99", "50"]);
+    place.simulator(&["--policy", "any.bin"]).end().assert(2, &["--policy", "--spawn"]);
+    place.alone(&["--spawn", "--domain", "a/b"]).end().assert(2, &["a/b", "is not a name"]);
+
+    let scenario = place.base().with_extension("toml");
+    fs::write(&scenario, "duration_s = 1.0\nsped = 3\n").unwrap();
+    let scenario = text(&scenario);
+    place.simulator(&["--scenario", scenario]).end().assert(2, &[scenario, "line 2", "sped"]);
+
+    fs::write(place.policy(), "no policy").unwrap();
+    place.alone(&["--in-process"]).end().assert(2, &["policy.bin is not a policy to run"]);
+    let spawned = place.alone(&["--spawn"]).end();
+    spawned.assert(2, &["policy.bin is not a policy to run", "the controller failed"]);
+    assert!(spawned.took < SOON, "a failed controller is not waited for");
+    place.assert_clean();
+}
+
+#[test]
+fn a_started_controller_never_outlives_its_simulator() {
+    let place = Place::new();
+    let mut simulator = place.alone(&[&["--spawn"], &ENDLESS[..]].concat());
+    let domain = format!("run-{}", simulator.pid());
+    place.wait_for_the_run(Some(&domain));
+    simulator.signal(Signal::TERM);
+    simulator.end().assert(1, &["stopped by a signal"]);
+    place.assert_clean_of(Some(&domain));
+
+    let mut simulator = place.alone(&[&["--spawn"], &ENDLESS[..]].concat());
+    let domain = format!("run-{}", simulator.pid());
+    place.wait_for_the_run(Some(&domain));
+    simulator.kill();
+    // The controller finds out, ends, and takes everything along.
+    let deadline = std::time::Instant::now() + SOON;
+    while place.base().exists() && std::time::Instant::now() < deadline {
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    place.assert_clean_of(Some(&domain));
+}
+
+#[test]
+fn what_two_killed_processes_leave_is_removed_by_the_next_to_come() {
+    let place = Place::new();
+    let simulator = place.simulator(&ENDLESS);
+    let controller = place.controller(&PATIENT);
+    place.wait_for_the_run(None);
+    // Frozen first, so that neither sees the other die.
+    for mut process in [simulator, controller] {
+        process.signal(Signal::STOP);
+        process.kill();
+    }
+    assert!(place.base().join("test/leg.card").exists());
+    place.alone(&[&["--spawn"], &SHORT[..]].concat()).end().assert_ok();
+    place.assert_clean();
+}

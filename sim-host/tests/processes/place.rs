@@ -1,0 +1,246 @@
+//! A temporary folder in which processes of one test meet, and the processes.
+
+use std::ffi::OsStr;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use controller::actor::{ActionScaling, ObservationScaling, Widths, pack, packed_len};
+use controller::host::Domain;
+use controller::leg::LegModel;
+use controller::policy::{GainPoint, GainSchedule, Manifest, Media, Provenance, write};
+use tempfile::TempDir;
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_sim-host");
+const DOMAIN: &str = "test";
+/// Longer than any process here should live.
+const LONG: Duration = Duration::from_mins(1);
+
+/// Where the processes of a test meet. Nobody else does.
+pub(crate) struct Place {
+    dir: TempDir,
+}
+
+impl Place {
+    pub(crate) fn new() -> Self {
+        let dir = tempfile::tempdir().expect("a temporary folder");
+        let place = Self { dir };
+        fs::write(place.policy(), hopping_in_place()).expect("write the policy");
+        place
+    }
+
+    /// The folder of all domains of this place.
+    pub(crate) fn base(&self) -> PathBuf {
+        let user = rustix::process::getuid().as_raw();
+        self.dir.path().join(format!("spring-leg-{user}"))
+    }
+
+    pub(crate) fn policy(&self) -> PathBuf {
+        self.dir.path().join("policy.bin")
+    }
+
+    fn program(&self, command: &str, arguments: &[&str]) -> Command {
+        let mut program = Command::new(PROGRAM);
+        program
+            .arg(command)
+            .args(arguments)
+            .env("TMPDIR", self.dir.path())
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
+        program
+    }
+
+    fn start(&self, command: &str, arguments: &[&str]) -> Running {
+        Running(Some(self.program(command, arguments).spawn().expect("start")))
+    }
+
+    /// A simulator that waits for its controller here.
+    pub(crate) fn simulator(&self, arguments: &[&str]) -> Running {
+        self.start("run", &[&["--domain", DOMAIN], arguments].concat())
+    }
+
+    /// A controller that waits for its simulator here.
+    pub(crate) fn controller(&self, arguments: &[&str]) -> Running {
+        let policy = self.policy();
+        let own = ["--domain", DOMAIN, "--policy", text(&policy)];
+        self.start("controller", &[&own, arguments].concat())
+    }
+
+    /// A simulator with a controller of its choice; the domain is its own.
+    pub(crate) fn alone(&self, arguments: &[&str]) -> Running {
+        let policy = self.policy();
+        self.start("run", &[&["--policy", text(&policy)], arguments].concat())
+    }
+
+    /// Waits until both play, and have played for a while.
+    pub(crate) fn wait_for_the_run(&self, domain: Option<&str>) {
+        let folder = self.base().join(domain.unwrap_or(DOMAIN));
+        let deadline = Instant::now() + LONG;
+        while !(folder.join("leg.card").exists() && folder.join("controller.card").exists()) {
+            assert!(Instant::now() < deadline, "no run in {}", folder.display());
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        std::thread::sleep(Duration::from_millis(300));
+    }
+
+    /// Nothing is left of the domain, or of the one named.
+    #[track_caller]
+    pub(crate) fn assert_clean_of(&self, domain: Option<&str>) {
+        assert!(!self.base().exists(), "left: {:?}", tree(&self.base()));
+        let prefix = Domain::prefix_in(&self.base(), domain.unwrap_or(DOMAIN));
+        let left: Vec<_> = fs::read_dir("/dev/shm")
+            .into_iter()
+            .flatten()
+            .flatten()
+            .map(|entry| entry.file_name())
+            .filter(|name| name.to_string_lossy().starts_with(&prefix))
+            .collect();
+        assert!(left.is_empty(), "left in shared memory: {left:?}");
+    }
+
+    #[track_caller]
+    pub(crate) fn assert_clean(&self) {
+        self.assert_clean_of(None);
+    }
+}
+
+impl Drop for Place {
+    /// After a failed test, what its killed processes left.
+    fn drop(&mut self) {
+        if self.base().exists() {
+            let _ = Domain::join_in(&self.base(), DOMAIN);
+        }
+    }
+}
+
+fn tree(path: &Path) -> Vec<PathBuf> {
+    let mut all = vec![path.to_owned()];
+    for entry in fs::read_dir(path).into_iter().flatten().flatten() {
+        all.extend(tree(&entry.path()));
+    }
+    all
+}
+
+pub(crate) fn text(path: &Path) -> &str {
+    path.to_str().expect("a temporary folder with a plain name")
+}
+
+/// A process that does not outlive its test.
+pub(crate) struct Running(Option<Child>);
+
+/// What a process said, and when it ended.
+pub(crate) struct Ended {
+    pub(crate) status: Option<i32>,
+    pub(crate) out: String,
+    pub(crate) err: String,
+    pub(crate) took: Duration,
+}
+
+impl Running {
+    fn child(&mut self) -> &mut Child {
+        self.0.as_mut().expect("not ended yet")
+    }
+
+    pub(crate) fn pid(&mut self) -> u32 {
+        self.child().id()
+    }
+
+    /// Stops it with SIGKILL.
+    pub(crate) fn kill(mut self) {
+        self.child().kill().expect("kill");
+        self.child().wait().expect("reap");
+        self.0 = None;
+    }
+
+    /// Sends it a signal.
+    pub(crate) fn signal(&mut self, signal: rustix::process::Signal) {
+        let pid = i32::try_from(self.pid()).ok().and_then(rustix::process::Pid::from_raw);
+        rustix::process::kill_process(pid.expect("a process"), signal).expect("signal");
+    }
+
+    /// Waits for its end.
+    #[track_caller]
+    pub(crate) fn end(mut self) -> Ended {
+        let start = Instant::now();
+        while self.child().try_wait().expect("look").is_none() {
+            assert!(start.elapsed() < LONG, "it hangs");
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        let took = start.elapsed();
+        let Output { status, stdout, stderr } =
+            self.0.take().expect("a child").wait_with_output().expect("its output");
+        let said = |bytes: Vec<u8>| String::from_utf8(bytes).expect("text");
+        Ended { status: status.code(), out: said(stdout), err: said(stderr), took }
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        if let Some(child) = &mut self.0 {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+impl Ended {
+    /// Ended with `status`, and said on stderr each of `parts`.
+    #[track_caller]
+    pub(crate) fn assert(&self, status: i32, parts: &[impl AsRef<OsStr>]) -> &Self {
+        assert_eq!(self.status, Some(status), "out: {} err: {}", self.out, self.err);
+        for part in parts {
+            let part = part.as_ref().to_str().expect("text");
+            assert!(self.err.contains(part), "`{part}` is not in: {}", self.err);
+        }
+        self
+    }
+
+    #[track_caller]
+    pub(crate) fn assert_ok(&self) -> &Self {
+        self.assert(0, &[] as &[&str])
+    }
+
+    /// The state hash of a run, from its summary or its JSON.
+    #[track_caller]
+    pub(crate) fn state_hash(&self) -> String {
+        let hash = self.out.split_once("state hash ").map(|(_, rest)| rest.trim().to_owned());
+        hash.unwrap_or_else(|| panic!("no hash in: {}", self.out))
+    }
+}
+
+/// A policy that hops in place in air: the leg stands upright, a little ahead
+/// of a mass that moves, and never lengthens.
+fn hopping_in_place() -> Vec<u8> {
+    let widths = Widths::from_slice(&[3, 2]).expect("two widths");
+    let mut packed = Vec::with_capacity(packed_len(&widths).expect("an actor"));
+    // Rows: angle, elongation speed; columns: velocity, height, density.
+    pack(&[0.12, 0.0, 0.0, 0.0, 0.0, 0.0], &[0.0, 0.0], 3, |w| packed.push(w));
+    let manifest = Manifest {
+        name: "hop in place",
+        widths,
+        observation: ObservationScaling::IDENTITY,
+        action: ActionScaling {
+            scale: [1.0, 1.0],
+            offset: [std::f32::consts::FRAC_PI_2, 0.0],
+            low: [0.4, 0.0],
+            high: [2.7, 2.0],
+        },
+        leg: LegModel::HUMAN,
+        media: Media { density_ratio: [0.0, 1.0], gravity_m_s2: [9.81, 9.81] },
+        provenance: Provenance {
+            preset: "test",
+            seed: 0,
+            steps: 0,
+            trainer_version: "0",
+            config: "",
+        },
+        gains: GainSchedule::from_slice(&[GainPoint { limit_m_s: 1.0, ..GainPoint::default() }])
+            .expect("one point"),
+    };
+    let mut buffer = vec![0_u32; 4096];
+    let buffer: &mut [u8] = bytemuck::cast_slice_mut(&mut buffer);
+    let len = write(&manifest, &packed, buffer).expect("a policy");
+    buffer[..len].to_vec()
+}

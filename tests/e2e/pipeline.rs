@@ -1,0 +1,92 @@
+//! From training to flying, by the three programs that a user runs.
+
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+fn run(command: &mut Command) -> (String, String, Option<i32>) {
+    let output = command.output().expect("the program runs");
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (text(&output.stdout), text(&output.stderr), output.status.code())
+}
+
+fn train(folder: &Path, name: &str) -> Vec<u8> {
+    let path = folder.join(name);
+    let (_, said, status) = run(tests::program("trainer")
+        .args(["train", "--preset", "robust", "--seed", "3", "--steps", "9000"])
+        .args(["--eval-starts", "0", "--out"])
+        .arg(&path)
+        .arg("--log")
+        .arg(folder.join("episodes.csv")));
+    assert_eq!(status, Some(0), "{said}");
+    std::fs::read(path).expect("a policy file")
+}
+
+#[test]
+fn a_policy_is_trained_evaluated_and_flown_by_a_controller_of_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let blob = train(folder.path(), "policy.bin");
+    assert_eq!(blob, train(folder.path(), "again.bin"), "the same seed, the same file");
+    let log = std::fs::read_to_string(folder.path().join("episodes.csv")).unwrap();
+    assert!(log.lines().count() > 500, "a row for every episode");
+    let policy = folder.path().join("policy.bin");
+
+    let (json, said, status) = run(tests::program("trainer")
+        .args(["eval", "--json", "--starts", "40", "--policy"])
+        .arg(&policy));
+    assert_eq!(status, Some(0), "{said}");
+    let report: Value = serde_json::from_str(&json).expect("one JSON object");
+    for figure in ["survive30", "abs_v_median", "abs_v_p95", "reward5", "max_speed"] {
+        assert!(report[figure]["0"].is_number() || report[figure]["0"].is_null(), "{figure}");
+        assert_eq!(report[figure].as_object().unwrap().len(), 8, "{figure} at every density");
+    }
+    assert_eq!(report["tracking"].as_array().unwrap().len(), 48);
+
+    // Two programs, started apart, meet in shared memory.
+    let domain = format!("pipeline-{}", std::process::id());
+    let mut controller = tests::program("controller")
+        .args(["--domain", &domain, "--policy"])
+        .arg(&policy)
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("the controller starts");
+    let flight = ["run", "--medium", "water", "--duration", "20", "--set-point", "0.3", "--json"];
+    let (apart, said, _) = run(tests::program("sim-host").args(flight).args(["--domain", &domain]));
+    assert!(controller.wait().expect("the controller ends").success());
+    let (together, _, _) = run(tests::program("sim-host")
+        .args(flight)
+        .arg("--in-process")
+        .arg("--policy")
+        .arg(&policy));
+    let hash = |json: &str| {
+        let run: Value = serde_json::from_str(json).unwrap_or_else(|_| panic!("{json}{said}"));
+        assert!(run["ticks"].as_u64().unwrap() > 1_000);
+        run["state_hash"].clone()
+    };
+    assert_eq!(hash(&apart), hash(&together));
+}
+
+#[test]
+fn what_the_trainer_infers_is_what_the_shipped_policy_says() {
+    use controller::actor::Observation;
+    use controller::policy::{Policy, SHIPPED};
+    let folder = tempfile::tempdir().unwrap();
+    let observations = folder.path().join("obs.csv");
+    std::fs::write(&observations, "vx,y,rho\n0.5,2,0\n-1.25,1.5,1\n").unwrap();
+    let (csv, said, status) = run(tests::program("trainer")
+        .args(["infer", "--input"])
+        .arg(&observations)
+        .arg("--policy")
+        .arg(tests::root().join("controller/policies/robust.bin")));
+    assert_eq!(status, Some(0), "{said}");
+    let policy = Policy::parse(SHIPPED).unwrap();
+    let mut rows = csv.lines();
+    assert_eq!(rows.next(), Some("vx,y,rho,alpha,rs"));
+    for row in rows.by_ref().take(2) {
+        let cells: Vec<f32> = row.split(',').map(|cell| cell.parse().unwrap()).collect();
+        let [apex_vx_m_s, apex_y_m, density_ratio, alpha, rs] = cells[..] else { panic!("{row}") };
+        let action = policy.actor().act(Observation { apex_vx_m_s, apex_y_m, density_ratio });
+        assert_eq!([action.touchdown_angle_rad, action.elongation_speed_m_s], [alpha, rs]);
+    }
+    assert_eq!(rows.next(), None);
+}

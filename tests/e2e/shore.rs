@@ -1,0 +1,66 @@
+//! The main job, by the program that a user runs: two processes, real shared
+//! memory, the shipped policy.
+
+use serde_json::Value;
+use std::path::Path;
+use std::process::Output;
+
+/// Of every state and command of the shore under the shipped policy, on any
+/// machine. Changes only when policy, control law, plant or scenario do: then
+/// redraw `sim-host/pictures/shore.svg` too.
+const GOLDEN_HASH: &str = "c455c306eee0fe1c";
+
+fn shore(folder: &Path, more: &[&str]) -> Output {
+    tests::program("sim-host").arg("--out").arg(folder).args(more).output().expect("sim-host runs")
+}
+
+fn json(output: &Output) -> Value {
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).expect("one JSON object")
+}
+
+#[test]
+fn the_shipped_policy_walks_out_of_the_sea_the_same_way_every_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let first = json(&shore(folder.path(), &["--json"]));
+    assert_eq!(first["falls"], 0);
+    assert_eq!(first["end_rho"], 0.0);
+    assert!(first["distance_m"].as_f64().unwrap() > 40.0);
+    assert!(first["hops"].as_u64().unwrap() > 30);
+    assert_eq!(first["state_hash"], GOLDEN_HASH, "the run is another one than the README shows");
+    assert!(first["rho_error_max"].as_f64().unwrap() < 0.01);
+    for region in ["water", "shore", "land"] {
+        let error = first["tracking"][region]["mean_abs_error"].as_f64().unwrap();
+        assert!(error < 0.25, "{region}: {error} m/s");
+    }
+    let svg = std::fs::read_to_string(folder.path().join("shore.svg")).unwrap();
+    assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
+
+    let second = json(&shore(folder.path(), &["--json"]));
+    assert_eq!(first["state_hash"], second["state_hash"]);
+    assert_eq!(std::fs::read_to_string(folder.path().join("shore.svg")).unwrap(), svg);
+}
+
+#[test]
+fn a_file_that_is_no_policy_is_misuse_and_said_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("not-a-policy.bin");
+    std::fs::write(&path, b"GIF89a, in truth").unwrap();
+    let output = shore(folder.path(), &["--policy", path.to_str().unwrap()]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("not-a-policy.bin") && said.contains("LEGACTOR"), "{said}");
+    assert_eq!(said.lines().count(), 1, "{said}");
+    assert!(!folder.path().join("shore.svg").exists());
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_is_a_failure_that_names_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("in-the-way");
+    std::fs::write(&file, b"").unwrap();
+    let output = shore(&file.join("out"), &["--json"]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("in-the-way"), "{said}");
+}

@@ -1,0 +1,112 @@
+//! The command line: exit status 0, 1 when something failed, 2 when what was
+//! given cannot be used.
+
+mod bench;
+mod eval;
+mod import;
+mod infer;
+mod inspect;
+mod output;
+mod train;
+
+use clap::{Parser, Subcommand, ValueEnum};
+use std::process::ExitCode;
+
+use crate::simd::Isa;
+
+#[derive(Debug, Parser)]
+#[command(name = "trainer", version, about = "Trains, evaluates and converts the leg's policies")]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Train a policy; the same seed gives the same file, bit for bit
+    Train(train::Arguments),
+    /// Evaluate a policy: survival, stopping, tracking, highest speed
+    Eval(eval::Arguments),
+    /// Print everything that a policy file says
+    Inspect(inspect::Arguments),
+    /// Actions for observations in a CSV file
+    Infer(infer::Arguments),
+    /// Make a policy file from an actor in JSON
+    Import(import::Arguments),
+    /// Measure the speed of training
+    Bench(bench::Arguments),
+}
+
+/// Why a command ends early.
+#[derive(Debug)]
+pub(crate) enum Failure {
+    /// What was given cannot be used: exit status 2.
+    Input(anyhow::Error),
+    /// It went wrong all the same: exit status 1.
+    Run(anyhow::Error),
+}
+
+/// Shorthand for what the user gave.
+pub(crate) fn input(error: impl Into<anyhow::Error>) -> Failure {
+    Failure::Input(error.into())
+}
+
+/// Shorthand for what went wrong.
+pub(crate) fn failed(error: impl Into<anyhow::Error>) -> Failure {
+    Failure::Run(error.into())
+}
+
+/// An instruction set on the command line.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum IsaArgument {
+    /// The best that this CPU has
+    Best,
+    /// What every CPU of this architecture has
+    Baseline,
+    Avx2,
+    Avx512,
+}
+
+impl IsaArgument {
+    fn isa(self) -> Result<Isa, Failure> {
+        let isa = match self {
+            Self::Best => Isa::best(),
+            Self::Baseline => Isa::Baseline,
+            Self::Avx2 => Isa::Avx2,
+            Self::Avx512 => Isa::Avx512,
+        };
+        if isa.available() {
+            Ok(isa)
+        } else {
+            Err(input(anyhow::anyhow!("--isa: this CPU does not have {}; use best", isa.name())))
+        }
+    }
+}
+
+/// Runs the command line of this process.
+#[must_use]
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let result = match cli.command {
+        Command::Train(arguments) => train::run(&arguments),
+        Command::Eval(arguments) => eval::run(&arguments),
+        Command::Inspect(arguments) => inspect::run(&arguments),
+        Command::Infer(arguments) => infer::run(&arguments),
+        Command::Import(arguments) => import::run(&arguments),
+        Command::Bench(arguments) => bench::run(&arguments),
+    };
+    let (error, status) = match result {
+        Ok(()) => return ExitCode::SUCCESS,
+        Err(Failure::Input(error)) => (error, 2),
+        Err(Failure::Run(error)) => (error, 1),
+    };
+    // A reader that has seen enough, such as `head`, is no failure.
+    let broken_pipe = error
+        .downcast_ref::<std::io::Error>()
+        .is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe);
+    if broken_pipe {
+        return ExitCode::SUCCESS;
+    }
+    eprintln!("trainer: {error:#}");
+    ExitCode::from(status)
+}

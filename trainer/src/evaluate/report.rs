@@ -1,0 +1,130 @@
+//! An evaluation as one object and as tables.
+
+use super::survival::{Survival, draw_starts, survival};
+use super::tracking::{
+    GIVEN_UP_M_S, RAMP_CAP_M_S, SET_POINTS, Tracking, highest_speeds, tracking_table,
+};
+use super::{DENSITIES, hopper};
+use controller::policy::Policy;
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
+use serde::Serialize;
+use serde_json::{Map, Value};
+use std::fmt;
+
+/// Everything that is known of a policy.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Report {
+    /// By density, lowest first.
+    pub survival: Vec<(f64, Survival)>,
+    /// Every set-point at every density.
+    pub tracking: Vec<Tracking>,
+    /// By density, m/s.
+    pub max_speed: Vec<(f64, f64)>,
+}
+
+/// The object that `--json` prints, keyed by density.
+#[derive(Serialize)]
+struct Json<'a> {
+    survive30: Value,
+    abs_v_median: Value,
+    abs_v_p95: Value,
+    reward5: Value,
+    tracking: &'a [Tracking],
+    max_speed: Value,
+}
+
+fn keyed<T: Copy, V: Into<Value>>(by_density: &[(f64, T)], f: impl Fn(T) -> V) -> Value {
+    let entries = by_density.iter().map(|&(rho, x)| (rho.to_string(), f(x).into()));
+    Value::Object(entries.collect::<Map<_, _>>())
+}
+
+impl Report {
+    /// Evaluates `policy` from `starts` starts at each density, the same at all.
+    #[must_use]
+    pub fn new(policy: &Policy<'_>, starts: usize, seed: u64) -> Self {
+        let starts = draw_starts(starts, &mut Pcg64::seed_from_u64(seed));
+        let (actor, gains) = (policy.actor(), &policy.manifest().gains);
+        Self {
+            survival: DENSITIES
+                .map(|rho| (rho, survival(actor, &hopper(rho), rho, &starts)))
+                .to_vec(),
+            tracking: tracking_table(actor, gains),
+            max_speed: highest_speeds(actor, gains),
+        }
+    }
+
+    /// As one JSON object.
+    ///
+    /// # Panics
+    /// Never: every number has a JSON form.
+    #[must_use]
+    pub fn to_json(&self) -> String {
+        let json = Json {
+            survive30: keyed(&self.survival, |s| s.survive30),
+            abs_v_median: keyed(&self.survival, |s| s.abs_v_median),
+            abs_v_p95: keyed(&self.survival, |s| s.abs_v_p95),
+            reward5: keyed(&self.survival, |s| s.reward5),
+            tracking: &self.tracking,
+            max_speed: keyed(&self.max_speed, |v| v),
+        };
+        serde_json::to_string(&json).expect("numbers have a JSON form")
+    }
+}
+
+fn number(x: Option<f64>, digits: usize) -> String {
+    x.map_or_else(|| "-".into(), |x| format!("{x:.digits$}"))
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let starts = self.survival.first().map_or(0, |(_, s)| s.starts);
+        writeln!(f, "From {starts} starts at each density, 30 hops, m/s:")?;
+        writeln!(f, "   rho  survive30  median |v|    95 % |v|  reward, 5 steps  highest speed")?;
+        for ((rho, s), (_, speed)) in self.survival.iter().zip(&self.max_speed) {
+            let (median, p95) = (number(s.abs_v_median, 5), number(s.abs_v_p95, 5));
+            writeln!(
+                f,
+                "{rho:>6}  {:>9.4}  {median:>10}  {p95:>10}  {:>15.2}  {speed:>13.2}",
+                s.survive30, s.reward5
+            )?;
+        }
+        writeln!(f, "Highest speed: target raised 0.05 m/s every 10 hops until the leg falls,")?;
+        writeln!(
+            f,
+            "at most to {RAMP_CAP_M_S} m/s or {GIVEN_UP_M_S} m/s over the best mean of 10 whole hops,\n\
+             which is what counts.\n"
+        )?;
+        writeln!(f, "Tracking, 100 hops from (0, 2 m): mean +- half range over the last 20, m/s")?;
+        writeln!(f, "(* tracked: mean within 2 %, half range within 5 %; . no such gait known)")?;
+        write!(f, "   rho")?;
+        for v in SET_POINTS {
+            write!(f, "  {v:>15}")?;
+        }
+        writeln!(f)?;
+        for row in self.tracking.chunks(SET_POINTS.len()) {
+            write!(f, "{:>6}", row[0].rho)?;
+            for t in row {
+                let mark = match (t.tracked(), t.possible()) {
+                    (true, _) => '*',
+                    (false, true) => ' ',
+                    (false, false) => '.',
+                };
+                let cell = match (t.mean_v, t.oscillation) {
+                    (Some(mean), Some(o)) => format!("{mean:.3}+-{o:.3}{mark}"),
+                    _ => format!("fell{mark}"),
+                };
+                write!(f, "  {cell:>15}")?;
+            }
+            writeln!(f)?;
+        }
+        let possible: Vec<&Tracking> = self.tracking.iter().filter(|t| t.possible()).collect();
+        let tracked = possible.iter().filter(|t| t.tracked()).count();
+        let fell = possible.iter().filter(|t| t.fell).count();
+        write!(
+            f,
+            "Tracked: {tracked} of the {} set-points with a known steady gait; {fell} fell.",
+            possible.len()
+        )
+    }
+}

@@ -1,0 +1,174 @@
+//! How the actor follows a set speed under the velocity cascade, and how far up.
+
+use super::{DENSITIES, hop, hopper};
+use controller::actor::Actor;
+use controller::policy::GainSchedule;
+use controller::velocity::Cascade;
+use rayon::prelude::*;
+use serde::Serialize;
+use sim_host::plant::Apex;
+
+/// Set-points, m/s.
+pub const SET_POINTS: [f64; 6] = [-2.0, -1.0, -0.5, 0.5, 1.0, 2.0];
+/// Hops of a tracking run.
+const HOPS: usize = 100;
+/// Of which the last are judged.
+const JUDGED: usize = 20;
+/// Where every run starts.
+const START: Apex = Apex { vx_m_s: 0.0, y_m: 2.0 };
+/// Largest error of the mean, and largest oscillation, relative to the set-point.
+const MOST_ERROR: f64 = 0.02;
+const MOST_OSCILLATION: f64 = 0.05;
+/// The ramp: each speed is held for so many hops, then raised.
+const RAMP_HOPS: usize = 10;
+const RAMP_STEP_M_S: f64 = 0.05;
+/// The ramp ends here even if the leg still stands, m/s.
+pub const RAMP_CAP_M_S: f64 = 30.0;
+
+/// ... and where the best speed is left behind by this much: the leg stands, at
+/// the offset's bound, and will not get any faster, m/s.
+pub const GIVEN_UP_M_S: f64 = 10.0;
+
+/// Highest speed of a steady gait with every apex at or above 1 m, by density
+/// (a search over touchdown angle and elongation speed, no agent involved;
+/// lower bounds).
+const STEADY_GAIT_M_S: [(f64, f64); 8] = [
+    (0.0, 16.0),
+    (0.05, 6.7),
+    (0.1, 5.1),
+    (0.3, 3.1),
+    (0.5, 2.3),
+    (0.7, 1.75),
+    (0.9, 1.25),
+    (1.0, 1.0),
+];
+
+/// One set-point at one density.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Tracking {
+    /// Density ratio.
+    pub rho: f64,
+    /// Set speed, m/s.
+    pub set_point: f64,
+    /// Mean apex velocity over the last 20 of 100 hops, m/s; `None` after a fall.
+    pub mean_v: Option<f64>,
+    /// Half the range of the apex velocity over the same hops, m/s; `None` after a fall.
+    pub oscillation: Option<f64>,
+    /// Whether the leg fell: there was no next apex.
+    pub fell: bool,
+}
+
+impl Tracking {
+    /// Whether a steady gait of this speed is known to exist.
+    #[must_use]
+    pub fn possible(&self) -> bool {
+        STEADY_GAIT_M_S.iter().any(|&(rho, limit)| rho == self.rho && self.set_point.abs() <= limit)
+    }
+
+    /// Whether mean and oscillation are within 2 % and 5 % of the set-point.
+    #[must_use]
+    pub fn tracked(&self) -> bool {
+        let limit = self.set_point.abs();
+        let mean = self.mean_v.map(|v| (v - self.set_point).abs() <= MOST_ERROR * limit);
+        let oscillation = self.oscillation.map(|o| o <= MOST_OSCILLATION * limit);
+        mean == Some(true) && oscillation == Some(true)
+    }
+}
+
+/// One tracking run.
+#[must_use]
+pub fn track(actor: &Actor<'_>, gains: &GainSchedule, rho: f64, set_point: f64) -> Tracking {
+    let hopper = hopper(rho);
+    let mut cascade = Cascade::new(gains.clone());
+    let mut apex = START;
+    let mut judged = Vec::with_capacity(JUDGED);
+    for done in 1..=HOPS {
+        let u = cascade.update(set_point as f32, apex.vx_m_s as f32, rho as f32);
+        let Some(next) = hop(actor, &hopper, rho, apex, u) else {
+            return Tracking { rho, set_point, mean_v: None, oscillation: None, fell: true };
+        };
+        apex = next;
+        if done > HOPS - JUDGED {
+            judged.push(apex.vx_m_s);
+        }
+    }
+    let lowest = judged.iter().copied().fold(f64::INFINITY, f64::min);
+    let highest = judged.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    Tracking {
+        rho,
+        set_point,
+        mean_v: Some(judged.iter().sum::<f64>() / JUDGED as f64),
+        oscillation: Some((highest - lowest) / 2.0),
+        fell: false,
+    }
+}
+
+/// Every set-point at every density.
+#[must_use]
+pub fn tracking_table(actor: &Actor<'_>, gains: &GainSchedule) -> Vec<Tracking> {
+    let pairs: Vec<(f64, f64)> =
+        DENSITIES.iter().flat_map(|&rho| SET_POINTS.map(|v| (rho, v))).collect();
+    pairs.into_par_iter().map(|(rho, v)| track(actor, gains, rho, v)).collect()
+}
+
+/// The highest speed, m/s: the target is raised by 0.05 m/s every 10 hops until
+/// the leg falls (or [`RAMP_CAP_M_S`], or [`GIVEN_UP_M_S`] over the best); the
+/// highest mean over 10 whole hops counts, as far as it was asked for.
+#[must_use]
+pub fn highest_speed(actor: &Actor<'_>, gains: &GainSchedule, rho: f64) -> f64 {
+    let hopper = hopper(rho);
+    let mut cascade = Cascade::new(gains.clone());
+    let mut apex = START;
+    let mut best: f64 = 0.0;
+    let stages = (RAMP_CAP_M_S / RAMP_STEP_M_S) as usize;
+    for target in (1..=stages).map(|i| i as f64 * RAMP_STEP_M_S) {
+        let mut sum = 0.0;
+        for _ in 0..RAMP_HOPS {
+            let u = cascade.update(target as f32, apex.vx_m_s as f32, rho as f32);
+            let Some(next) = hop(actor, &hopper, rho, apex, u) else { return best };
+            apex = next;
+            sum += apex.vx_m_s;
+        }
+        let mean = sum / RAMP_HOPS as f64;
+        // What overshoots was not asked for.
+        best = best.max(mean.min(target));
+        if target - best > GIVEN_UP_M_S {
+            break;
+        }
+    }
+    best
+}
+
+/// [`highest_speed`] at every density.
+#[must_use]
+pub fn highest_speeds(actor: &Actor<'_>, gains: &GainSchedule) -> Vec<(f64, f64)> {
+    DENSITIES.par_iter().map(|&rho| (rho, highest_speed(actor, gains, rho))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{SET_POINTS, STEADY_GAIT_M_S, Tracking};
+    use crate::evaluate::DENSITIES;
+
+    fn at(rho: f64, set_point: f64, mean_v: f64, oscillation: f64) -> Tracking {
+        let (mean_v, oscillation) = (Some(mean_v), Some(oscillation));
+        Tracking { rho, set_point, mean_v, oscillation, fell: false }
+    }
+
+    #[test]
+    fn forty_two_set_points_are_possible() {
+        let all = DENSITIES.iter().flat_map(|&rho| SET_POINTS.map(|v| at(rho, v, v, 0.0)));
+        assert_eq!(all.filter(Tracking::possible).count(), 42);
+        assert_eq!(STEADY_GAIT_M_S.map(|(rho, _)| rho), DENSITIES);
+    }
+
+    #[test]
+    fn tracked_within_two_and_five_percent() {
+        assert!(at(0.0, -2.0, -2.0399, 0.0999).tracked());
+        assert!(!at(0.0, -2.0, -2.041, 0.0).tracked());
+        assert!(!at(0.0, -2.0, -2.0, 0.101).tracked());
+        let fell =
+            Tracking { mean_v: None, oscillation: None, fell: true, ..at(0.0, 1.0, 1.0, 0.0) };
+        assert!(!fell.tracked());
+    }
+}

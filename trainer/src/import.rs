@@ -1,0 +1,222 @@
+//! Actors from elsewhere.
+//!
+//! The JSON layout, that of the published actors (doi 10.5281/zenodo.4607469) read
+//! out of their files:
+//!
+//! ```json
+//! {"hidden_activation": "relu",
+//!  "output": "clip(output_scale*tanh(z), low, high)",
+//!  "output_scale": 2.617993877991494, "low": [0.314, 0.0], "high": [2.618, 2.0],
+//!  "layers": [{"weights": [[...], ...], "bias": [...]}, ...],
+//!  "test_vectors": [{"observation": [vx, y, rho], "action": [alpha, rs]}, ...]}
+//! ```
+//!
+//! Weights are row by output. Test vectors may be absent; where they are there,
+//! the imported actor must give their actions within 1e-5.
+
+use crate::net::mlp::Layer;
+use crate::policy::Frozen;
+use controller::actor::{ActionScaling, Observation, ObservationScaling, ShapeError};
+use serde_json::Value;
+
+/// Largest error of an imported actor against its test vectors, rad and m/s.
+const TOLERANCE: f64 = 1e-5;
+/// The only output that this layout knows.
+const OUTPUT: &str = "clip(output_scale*tanh(z), low, high)";
+
+/// Why a JSON text is no actor.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ImportError {
+    /// It is no JSON.
+    #[error("not JSON: {0}")]
+    Syntax(#[from] serde_json::Error),
+    /// A value is missing or of the wrong kind.
+    #[error("{key}: {found}, expected {expected}")]
+    Value {
+        /// Where, such as `layers[1].bias`.
+        key: String,
+        /// What is there.
+        found: String,
+        /// What should be.
+        expected: String,
+    },
+    /// The layers are not those of an actor.
+    #[error("layers: {0}")]
+    Shape(#[from] ShapeError),
+    /// A test vector comes out otherwise.
+    #[error(
+        "test_vectors[{index}].action: {expected:?}, but the layers give {found:?}, more than {TOLERANCE} off"
+    )]
+    TestVector {
+        /// Which, from 0.
+        index: usize,
+        /// Given.
+        expected: [f64; 2],
+        /// Computed.
+        found: [f64; 2],
+    },
+}
+
+/// A value and the way to it.
+struct At<'a> {
+    key: String,
+    value: Option<&'a Value>,
+}
+
+impl At<'_> {
+    fn error(&self, expected: impl Into<String>) -> ImportError {
+        let found = match self.value {
+            None => "missing".into(),
+            Some(Value::Array(a)) => format!("a list of {}", a.len()),
+            Some(Value::Object(_)) => "an object".into(),
+            Some(other) => other.to_string(),
+        };
+        ImportError::Value { key: self.key.clone(), found, expected: expected.into() }
+    }
+
+    fn field(&self, name: &str) -> Self {
+        let dot = if self.key.is_empty() { "" } else { "." };
+        Self {
+            key: format!("{}{dot}{name}", self.key),
+            value: self.value.and_then(|v| v.get(name)),
+        }
+    }
+
+    fn list(&self) -> Result<Vec<Self>, ImportError> {
+        let list = self.value.and_then(Value::as_array).ok_or_else(|| self.error("a list"))?;
+        Ok(list
+            .iter()
+            .enumerate()
+            .map(|(i, value)| Self { key: format!("{}[{i}]", self.key), value: Some(value) })
+            .collect())
+    }
+
+    fn number(&self) -> Result<f64, ImportError> {
+        let number = self.value.and_then(Value::as_f64);
+        number.filter(|x| (*x as f32).is_finite()).ok_or_else(|| self.error("a finite number"))
+    }
+
+    fn numbers(&self, count: usize) -> Result<Vec<f64>, ImportError> {
+        let list = self.list()?;
+        if list.len() != count {
+            return Err(self.error(format!("a list of {count}")));
+        }
+        list.iter().map(Self::number).collect()
+    }
+
+    fn array<const N: usize>(&self) -> Result<[f64; N], ImportError> {
+        let numbers = self.numbers(N)?;
+        Ok(std::array::from_fn(|i| numbers[i]))
+    }
+
+    fn text(&self, wanted: &str) -> Result<(), ImportError> {
+        if self.value.and_then(Value::as_str) == Some(wanted) {
+            return Ok(());
+        }
+        Err(self.error(format!("\"{wanted}\"")))
+    }
+
+    fn layer(&self, inputs: usize) -> Result<Layer, ImportError> {
+        let rows = self.field("weights").list()?;
+        let mut weights = Vec::new();
+        for row in &rows {
+            weights.extend(row.numbers(inputs)?.iter().map(|&x| x as f32));
+        }
+        let bias = self.field("bias").numbers(rows.len())?;
+        Ok(Layer { inputs, weights, bias: bias.iter().map(|&x| x as f32).collect() })
+    }
+}
+
+/// Reads an actor from JSON.
+///
+/// # Errors
+/// [`ImportError`] names the key, what is there and what should be.
+pub fn from_json(text: &str) -> Result<Frozen, ImportError> {
+    let value: Value = serde_json::from_str(text)?;
+    let root = At { key: String::new(), value: Some(&value) };
+    root.field("hidden_activation").text("relu")?;
+    root.field("output").text(OUTPUT)?;
+    let scale = root.field("output_scale").number()? as f32;
+    let f32s = |x: [f64; 2]| x.map(|x| x as f32);
+    let action = ActionScaling {
+        scale: [scale; 2],
+        offset: [0.0; 2],
+        low: f32s(root.field("low").array()?),
+        high: f32s(root.field("high").array()?),
+    };
+    let mut layers: Vec<Layer> = Vec::new();
+    for layer in root.field("layers").list()? {
+        let inputs = layers.last().map_or(3, |l| l.bias.len());
+        layers.push(layer.layer(inputs)?);
+    }
+    let frozen = Frozen::new(&layers, ObservationScaling::IDENTITY, action)?;
+    let vectors = root.field("test_vectors");
+    if vectors.value.is_some() {
+        let actor = frozen.actor();
+        for (index, vector) in vectors.list()?.iter().enumerate() {
+            let [vx, y, rho] = vector.field("observation").array::<3>()?.map(|x| x as f32);
+            let expected: [f64; 2] = vector.field("action").array()?;
+            let action =
+                actor.act(Observation { apex_vx_m_s: vx, apex_y_m: y, density_ratio: rho });
+            let found = [action.touchdown_angle_rad, action.elongation_speed_m_s].map(f64::from);
+            if (0..2).any(|i| (found[i] - expected[i]).abs() > TOLERANCE) {
+                return Err(ImportError::TestVector { index, expected, found });
+            }
+        }
+    }
+    Ok(frozen)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::from_json;
+    use serde_json::{Value, json};
+
+    fn small() -> Value {
+        json!({
+            "hidden_activation": "relu", "output": super::OUTPUT, "output_scale": 2.0,
+            "low": [0.3, 0.0], "high": [2.6, 2.0],
+            "layers": [{"weights": [[0.5, 0.0, 0.0], [0.0, 0.25, 0.0]], "bias": [0.0, 0.5]}],
+            "test_vectors": [{"observation": [1.0, 2.0, 0.0],
+                              "action": [2.0 * 0.5_f64.tanh(), 2.0 * 1.0_f64.tanh()]}],
+        })
+    }
+
+    #[test]
+    fn a_small_actor_gives_its_test_vector() {
+        let frozen = from_json(&small().to_string()).unwrap();
+        assert_eq!(frozen.widths.as_slice(), [3, 2]);
+    }
+
+    #[test]
+    fn errors_name_the_key_and_what_is_there() {
+        let refused = |change: &dyn Fn(&mut Value)| {
+            let mut value = small();
+            change(&mut value);
+            from_json(&value.to_string()).unwrap_err().to_string()
+        };
+        assert_eq!(
+            refused(&|v| v["layers"][0]["weights"][1][1] = json!("x")),
+            "layers[0].weights[1][1]: \"x\", expected a finite number"
+        );
+        assert_eq!(
+            refused(&|v| v["layers"][0]["bias"] = json!([1.0])),
+            "layers[0].bias: a list of 1, expected a list of 2"
+        );
+        assert_eq!(
+            refused(&|v| _ = v.as_object_mut().unwrap().remove("low")),
+            "low: missing, expected a list"
+        );
+        assert_eq!(
+            refused(&|v| v["hidden_activation"] = json!("tanh")),
+            "hidden_activation: \"tanh\", expected \"relu\""
+        );
+        assert!(
+            refused(&|v| v["test_vectors"][0]["action"][0] = json!(0.5))
+                .starts_with("test_vectors[0].action: [0.5, ")
+        );
+        assert!(refused(&|v| v["layers"] = json!([])).starts_with("layers: 0 layers"));
+        assert!(from_json("{").unwrap_err().to_string().starts_with("not JSON"));
+    }
+}

@@ -1,0 +1,240 @@
+//! `out = finish(start + A M)`, the one product under forward pass, back-propagation
+//! and weight gradients.
+//!
+//! A tile of rows times columns of `out` is summed in registers over the whole inner
+//! dimension: each step loads one piece of a row of `M` and broadcasts one number of
+//! each row of `A`. Every element of `out` is summed in the order of the inner
+//! dimension, whatever the tiling, so the bits do not depend on it.
+
+use super::Row;
+use crate::simd::{Pair, Simd, Vector};
+
+/// The left factor `A`.
+pub(crate) trait Left: Copy {
+    /// `R` of its rows.
+    type Rows<const R: usize>: Factors<R>;
+    /// Rows `first..first + R`.
+    fn rows<const R: usize>(self, first: usize) -> Self::Rows<R>;
+}
+
+/// `R` rows of the left factor. (Not a closure: those need not be inlined, see
+/// [`crate::simd::Kernel::run`].)
+pub(crate) trait Factors<const R: usize>: Copy {
+    /// Their numbers in column `k`.
+    fn column(self, k: usize) -> [f32; R];
+}
+
+/// `A` as it is stored.
+#[derive(Clone, Copy)]
+pub(crate) struct Straight<'a, const P: usize>(pub(crate) &'a [Row<P>]);
+
+impl<'a, const P: usize> Left for Straight<'a, P> {
+    type Rows<const R: usize> = &'a [Row<P>; R];
+    #[inline(always)]
+    fn rows<const R: usize>(self, first: usize) -> &'a [Row<P>; R] {
+        self.0[first..].first_chunk().expect("R rows of A")
+    }
+}
+
+impl<const R: usize, const P: usize> Factors<R> for &[Row<P>; R] {
+    #[inline(always)]
+    fn column(self, k: usize) -> [f32; R] {
+        let mut column = [0.0; R];
+        for r in 0..R {
+            column[r] = self[r][k];
+        }
+        column
+    }
+}
+
+/// `A` stored by columns: row `k` of the storage, from `from` on, is column `k` of `A`.
+#[derive(Clone, Copy)]
+pub(crate) struct Transposed<'a, const P: usize> {
+    columns: &'a [Row<P>],
+    from: usize,
+}
+
+impl<'a, const P: usize> Transposed<'a, P> {
+    /// The first row of `A` is what stands at `from` in the rows of the storage.
+    #[inline(always)]
+    pub(crate) fn from(columns: &'a [Row<P>], from: usize) -> Self {
+        Self { columns, from }
+    }
+}
+
+impl<const P: usize> Left for Transposed<'_, P> {
+    type Rows<const R: usize> = Self;
+    #[inline(always)]
+    fn rows<const R: usize>(self, first: usize) -> Self {
+        Self::from(self.columns, self.from + first)
+    }
+}
+
+impl<const R: usize, const P: usize> Factors<R> for Transposed<'_, P> {
+    #[inline(always)]
+    fn column(self, k: usize) -> [f32; R] {
+        *self.columns[k][self.from..].first_chunk().expect("R columns")
+    }
+}
+
+/// Where the sums begin.
+pub(crate) trait Start: Copy {
+    /// For `row`, from column `column`.
+    fn at<V: Vector>(self, token: V::Token, row: usize, column: usize) -> V;
+}
+
+/// At zero.
+#[derive(Clone, Copy)]
+pub(crate) struct Zero;
+
+impl Start for Zero {
+    #[inline(always)]
+    fn at<V: Vector>(self, token: V::Token, _: usize, _: usize) -> V {
+        V::splat(token, 0.0)
+    }
+}
+
+/// At a number per row, given by a function of the row.
+#[derive(Clone, Copy)]
+pub(crate) struct PerRow<F>(pub(crate) F);
+
+impl<F: Fn(usize) -> f32 + Copy> Start for PerRow<F> {
+    #[inline(always)]
+    fn at<V: Vector>(self, token: V::Token, row: usize, _: usize) -> V {
+        V::splat(token, (self.0)(row))
+    }
+}
+
+/// At a number per column.
+#[derive(Clone, Copy)]
+pub(crate) struct PerColumn<'a, const N: usize>(pub(crate) &'a Row<N>);
+
+impl<const N: usize> Start for PerColumn<'_, N> {
+    #[inline(always)]
+    fn at<V: Vector>(self, token: V::Token, _: usize, column: usize) -> V {
+        V::load(token, &self.0[column..])
+    }
+}
+
+/// What is done to the sums before they are written.
+pub(crate) trait Finish: Copy {
+    /// To the sum at `row` from column `column`.
+    fn apply<V: Vector>(self, token: V::Token, sum: V, row: usize, column: usize) -> V;
+}
+
+/// Nothing.
+#[derive(Clone, Copy)]
+pub(crate) struct Linear;
+
+impl Finish for Linear {
+    #[inline(always)]
+    fn apply<V: Vector>(self, _: V::Token, sum: V, _: usize, _: usize) -> V {
+        sum
+    }
+}
+
+/// max(sum, 0).
+#[derive(Clone, Copy)]
+pub(crate) struct Relu;
+
+impl Finish for Relu {
+    #[inline(always)]
+    fn apply<V: Vector>(self, token: V::Token, sum: V, _: usize, _: usize) -> V {
+        sum.max(V::splat(token, 0.0))
+    }
+}
+
+/// Zero where the rectifier behind was off: the derivative of [`Relu`].
+#[derive(Clone, Copy)]
+pub(crate) struct Gated<'a, const N: usize>(pub(crate) &'a [Row<N>]);
+
+impl<const N: usize> Finish for Gated<'_, N> {
+    #[inline(always)]
+    fn apply<V: Vector>(self, token: V::Token, sum: V, row: usize, column: usize) -> V {
+        sum.where_positive(V::load(token, &self.0[row][column..]))
+    }
+}
+
+/// The operands of one product.
+#[derive(Clone, Copy)]
+pub(crate) struct Product<'a, A, I, F, const N: usize> {
+    pub(crate) a: A,
+    pub(crate) m: &'a [Row<N>],
+    pub(crate) start: I,
+    pub(crate) finish: F,
+}
+
+impl<A: Left, I: Start, F: Finish, const N: usize> Product<'_, A, I, F, N> {
+    /// Writes all rows of `out`, `MANY` (or `FEW`, where registers are few) at a time.
+    #[inline(always)]
+    pub(crate) fn into<S: Simd, const MANY: usize, const FEW: usize>(
+        self,
+        simd: S,
+        out: &mut [Row<N>],
+    ) {
+        let mut first = 0;
+        if S::MANY_REGISTERS {
+            while first + MANY <= out.len() {
+                self.row_tile::<S, MANY>(simd, out, first);
+                first += MANY;
+            }
+        } else {
+            while first + FEW <= out.len() {
+                self.row_tile::<S, FEW>(simd, out, first);
+                first += FEW;
+            }
+        }
+        while first + 2 <= out.len() {
+            self.row_tile::<S, 2>(simd, out, first);
+            first += 2;
+        }
+        if first < out.len() {
+            self.row_tile::<S, 1>(simd, out, first);
+        }
+    }
+
+    #[inline(always)]
+    fn row_tile<S: Simd, const R: usize>(self, simd: S, out: &mut [Row<N>], first: usize) {
+        const { assert!(N.is_multiple_of(8), "rows are padded to vectors of eight") };
+        let wide = S::Wide::LANES;
+        let mut column = 0;
+        while column + wide <= N {
+            self.tile::<S::Wide, R>(simd, out, first, column);
+            column += wide;
+        }
+        // What is left is less than a wide piece.
+        match N % wide {
+            24 => self.tile::<Pair<S::V16, S::V8>, R>(simd, out, first, column),
+            16 => self.tile::<S::V16, R>(simd, out, first, column),
+            8 => self.tile::<S::V8, R>(simd, out, first, column),
+            _ => {}
+        }
+    }
+
+    #[inline(always)]
+    fn tile<V: Vector, const R: usize>(
+        self,
+        token: V::Token,
+        out: &mut [Row<N>],
+        first: usize,
+        column: usize,
+    ) {
+        let rows = self.a.rows::<R>(first);
+        let mut sums = [V::splat(token, 0.0); R];
+        for (r, sum) in sums.iter_mut().enumerate() {
+            *sum = self.start.at(token, first + r, column);
+        }
+        for (k, m) in self.m.iter().enumerate() {
+            let piece = V::load(token, &m[column..]);
+            let factors: [f32; R] = rows.column(k);
+            for (sum, factor) in sums.iter_mut().zip(factors) {
+                *sum = sum.add(piece.mul(V::splat(token, factor)));
+            }
+        }
+        let out: &mut [Row<N>; R] = out[first..].first_chunk_mut().expect("R rows of out");
+        for (r, (row, sum)) in out.iter_mut().zip(sums).enumerate() {
+            let done = self.finish.apply(token, sum, first + r, column);
+            done.store(&mut row[column..]);
+        }
+    }
+}

@@ -1,0 +1,150 @@
+//! From trained layers to the policy file that the controller flies, and back.
+
+use crate::config::{Config, Gains, MediumDraw};
+use crate::net::mlp::Layer;
+use controller::actor::{ActionScaling, Actor, ObservationScaling, ShapeError, Widths, pack};
+use controller::host::blob::AlignedBytes;
+use controller::leg::LegModel;
+use controller::policy::{GainPoint, GainSchedule, Manifest, Media, Provenance, WriteError, write};
+
+/// An actor by itself: packed weights and scalings.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frozen {
+    /// Widths from the inputs to the outputs.
+    pub widths: Widths,
+    /// From an observation to the network's inputs.
+    pub observation: ObservationScaling,
+    /// From the network's outputs to an action.
+    pub action: ActionScaling,
+    /// Weights as the controller's kernel reads them.
+    pub packed: Vec<f32>,
+}
+
+impl Frozen {
+    /// Of layers in natural order. Only widths that an actor may have pass.
+    ///
+    /// # Errors
+    /// [`ShapeError`] when the layers are not those of an actor.
+    pub fn new(
+        layers: &[Layer],
+        observation: ObservationScaling,
+        action: ActionScaling,
+    ) -> Result<Self, ShapeError> {
+        let width = |n: usize| u16::try_from(n).unwrap_or(u16::MAX);
+        let too_many = || ShapeError::Layers(layers.len());
+        let mut widths = Widths::new();
+        for inputs in layers.iter().map(|l| l.inputs).take(1) {
+            widths.push(width(inputs)).map_err(|_| too_many())?;
+        }
+        let mut packed = Vec::new();
+        for layer in layers {
+            widths.push(width(layer.bias.len())).map_err(|_| too_many())?;
+            pack(&layer.weights, &layer.bias, layer.inputs, |x| packed.push(x));
+        }
+        let frozen = Self { widths, observation, action, packed };
+        Actor::new(frozen.widths.clone(), observation, action, &frozen.packed)?;
+        Ok(frozen)
+    }
+
+    /// Of layers trained under a configuration.
+    ///
+    /// # Panics
+    /// Never: what is trained here is an actor.
+    #[must_use]
+    pub fn trained(config: &Config, layers: &[Layer; 3]) -> Self {
+        let n = &config.network;
+        let observation =
+            ObservationScaling { offset: n.observation_offset, scale: n.observation_scale };
+        let action = ActionScaling {
+            scale: [0, 1].map(|i| n.action_scale[i] * n.output_gain[i]),
+            offset: n.action_offset,
+            low: n.action_low,
+            high: n.action_high,
+        };
+        Self::new(layers, observation, action).expect("an actor 3-50-50-2")
+    }
+
+    /// The actor as the controller runs it.
+    ///
+    /// # Panics
+    /// If the public fields were changed to what does not belong together.
+    #[must_use]
+    pub fn actor(&self) -> Actor<'_> {
+        Actor::new(self.widths.clone(), self.observation, self.action, &self.packed)
+            .expect("checked when made")
+    }
+}
+
+/// What a policy file says beside its actor.
+#[derive(Clone, Debug, PartialEq)]
+pub struct About<'a> {
+    /// What to call it.
+    pub name: &'a str,
+    /// Preset, or where it was imported from.
+    pub preset: &'a str,
+    /// Seed of the training.
+    pub seed: u64,
+    /// Environment steps trained.
+    pub steps: u64,
+    /// Density ratios trained in, lowest and highest.
+    pub density_ratio: [f32; 2],
+    /// Configuration, TOML.
+    pub config: &'a str,
+    /// Recommended gains.
+    pub gains: &'a [Gains],
+}
+
+/// The blob of an actor, at a 4-byte aligned address.
+///
+/// # Errors
+/// [`WriteError`] when the controller would refuse it.
+pub fn blob(frozen: &Frozen, about: &About<'_>) -> Result<AlignedBytes, WriteError> {
+    let gains: GainSchedule = about.gains.iter().map(|&g| g.into()).collect();
+    let manifest = Manifest {
+        name: about.name,
+        widths: frozen.widths.clone(),
+        observation: frozen.observation,
+        action: frozen.action,
+        leg: LegModel::HUMAN,
+        media: Media { density_ratio: about.density_ratio, gravity_m_s2: [9.81; 2] },
+        provenance: Provenance {
+            preset: about.preset,
+            seed: about.seed,
+            steps: about.steps,
+            trainer_version: env!("CARGO_PKG_VERSION"),
+            config: about.config,
+        },
+        gains,
+    };
+    let room = 4 * frozen.packed.len() + about.config.len() + 4096;
+    let mut bytes = AlignedBytes::zeros(room);
+    let len = write(&manifest, &frozen.packed, bytes.as_mut_slice())?;
+    bytes.truncate(len);
+    Ok(bytes)
+}
+
+impl From<Gains> for GainPoint {
+    fn from(g: Gains) -> Self {
+        Self {
+            density_ratio: g.density_ratio,
+            kp: g.kp,
+            ki: g.ki,
+            kd: g.kd,
+            feed_forward: g.feed_forward,
+            limit_m_s: g.limit_m_s,
+        }
+    }
+}
+
+impl Config {
+    /// Density ratios that the last stage trains in, lowest and highest (for the
+    /// normal draws: within three standard deviations).
+    #[must_use]
+    pub fn density_range(&self) -> [f32; 2] {
+        match self.stages.last().map(|s| &s.medium) {
+            Some(MediumDraw::Water) => [0.7, 1.0],
+            Some(MediumDraw::Land) => [0.0, 0.3],
+            _ => [0.0, 1.0],
+        }
+    }
+}

@@ -1,0 +1,315 @@
+//! A training from its first step to the actor that is kept.
+
+use crate::config::{Config, Critic, InitialWeights, Length};
+use crate::ddpg::{
+    ACTOR_HIDDEN, Agent, JointDdpg50, JointDdpg100, PaperDdpg, Rates, UnitOutput, Update,
+};
+use crate::environment::Environment;
+use crate::evaluate::selection::{Selector, Standing};
+use crate::explore::Noise;
+use crate::net::mlp::Layer;
+use crate::policy::Frozen;
+use crate::replay::{Replay, Transition};
+use crate::simd::Isa;
+use rand::{Rng, RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use serde::Serialize;
+
+/// What is logged of an episode.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct EpisodeRecord {
+    /// From 1, over all stages.
+    pub episode: u64,
+    /// Stage, from 1.
+    pub stage: usize,
+    /// Environment steps so far, over all stages.
+    pub total_steps: u64,
+    /// Density ratio.
+    pub density_ratio: f64,
+    /// Sum of the rewards.
+    pub reward: f64,
+    /// Steps in this episode.
+    pub steps: u32,
+    /// The critic's value of the actor's action at the start.
+    pub q0: f32,
+}
+
+/// Training went to infinity.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "training diverged at step {step} (a gradient is not finite): lower the learning rates, or take another seed"
+)]
+pub struct Diverged {
+    /// The environment step.
+    pub step: u64,
+}
+
+/// A training under way. Everything random in it comes from its one seed.
+pub struct Training {
+    config: Config,
+    agent: Box<dyn Agent>,
+    replay: Replay,
+    noise: Noise,
+    environment_rng: Pcg64,
+    noise_rng: Pcg64,
+    batch_rng: Pcg64,
+    selector: Option<Selector>,
+    stage: usize,
+    /// Of this stage.
+    steps: u64,
+    /// Of this stage.
+    episodes: u64,
+    total_steps: u64,
+    total_episodes: u64,
+}
+
+impl Training {
+    /// Ready for the first step. The configuration must have passed its check.
+    #[must_use]
+    pub fn new(config: Config, seed: u64, isa: Isa) -> Self {
+        let mut root = Pcg64::seed_from_u64(seed);
+        let agent = agent(&config, isa, &mut Pcg64::from_rng(&mut root));
+        let selector = (config.selection.evaluations > 0)
+            .then(|| Selector::new(&config, &mut Pcg64::from_rng(&mut root)));
+        Self {
+            agent,
+            selector,
+            replay: Replay::new(config.learning.replay_capacity),
+            noise: Noise::new(&config.exploration),
+            environment_rng: Pcg64::from_rng(&mut root),
+            noise_rng: Pcg64::from_rng(&mut root),
+            batch_rng: Pcg64::from_rng(&mut root),
+            config,
+            stage: 0,
+            steps: 0,
+            episodes: 0,
+            total_steps: 0,
+            total_episodes: 0,
+        }
+    }
+
+    /// Environment steps so far.
+    #[must_use]
+    pub fn total_steps(&self) -> u64 {
+        self.total_steps
+    }
+
+    /// Share of the stage done, from 0, and whether it is counted in steps.
+    fn progress(&self) -> (f64, bool) {
+        match self.config.stages[self.stage].length {
+            Length::Steps(n) => (self.steps as f64 / n as f64, true),
+            Length::Episodes(n) => (self.episodes as f64 / n as f64, false),
+        }
+    }
+
+    /// Share of all stages done, from 0 to 1, each stage weighing alike.
+    #[must_use]
+    pub fn share_done(&self) -> f64 {
+        let stages = self.config.stages.len();
+        if self.stage == stages {
+            return 1.0;
+        }
+        (self.stage as f64 + self.progress().0.min(1.0)) / stages as f64
+    }
+
+    /// The next episode; `None` when all stages are done.
+    ///
+    /// # Errors
+    /// [`Diverged`] when a gradient is not finite.
+    pub fn episode(&mut self) -> Result<Option<EpisodeRecord>, Diverged> {
+        if self.stage == self.config.stages.len() {
+            return Ok(None);
+        }
+        let record = self.play()?;
+        self.episodes += 1;
+        if self.stage + 1 == self.config.stages.len()
+            && let Some(selector) = &mut self.selector
+        {
+            let Length::Steps(all) = self.config.stages[self.stage].length else {
+                unreachable!("the check asks for a last stage counted in steps");
+            };
+            if selector.is_due(self.steps, all) {
+                let standing = self.config.learning.actor_averaging > 0.0;
+                let frozen = Frozen::trained(&self.config, &self.agent.actor(standing));
+                selector.consider(frozen, self.total_steps);
+            }
+        }
+        if self.progress().0 >= 1.0 {
+            self.stage += 1;
+            self.steps = 0;
+            self.episodes = 0;
+            self.replay = Replay::new(self.config.learning.replay_capacity);
+            self.noise = Noise::new(&self.config.exploration);
+        }
+        Ok(Some(record))
+    }
+
+    /// One update on the replay buffer as it is; for benchmarks.
+    pub fn update(&mut self) -> Update {
+        let rates = rates(&self.config, 0, Length::Episodes(1));
+        self.agent.update(&self.replay, &rates, &mut self.batch_rng)
+    }
+
+    fn play(&mut self) -> Result<EpisodeRecord, Diverged> {
+        let config = &self.config;
+        let stage = &config.stages[self.stage];
+        let rng = &mut self.environment_rng;
+        let mut environment = Environment::begin(config, &stage.medium, self.episodes, rng);
+        self.noise.begin(&mut self.noise_rng);
+        self.total_episodes += 1;
+        let start = environment.observation();
+        let first = self.agent.act(start);
+        let mut record = EpisodeRecord {
+            episode: self.total_episodes,
+            stage: self.stage + 1,
+            total_steps: 0,
+            density_ratio: environment.density_ratio(),
+            reward: 0.0,
+            steps: 0,
+            q0: self.agent.value(start, first),
+        };
+        let last = match stage.length {
+            Length::Steps(n) => n,
+            Length::Episodes(_) => u64::MAX,
+        };
+        while record.steps < config.episode.max_steps && self.steps < last {
+            let observation = environment.observation();
+            let action = explore(
+                config,
+                &mut *self.agent,
+                &mut self.noise,
+                &mut self.noise_rng,
+                observation,
+                self.steps < config.learning.random_steps,
+            );
+            let outcome = environment.step(action);
+            self.steps += 1;
+            self.total_steps += 1;
+            record.steps += 1;
+            record.reward += outcome.reward;
+            self.replay.push(Transition {
+                observation,
+                action,
+                reward: outcome.reward as f32,
+                next: environment.observation(),
+                continues: if outcome.ended { 0.0 } else { 1.0 },
+            });
+            let learning = &config.learning;
+            if self.replay.len() >= self.agent.batch()
+                && self.steps > learning.random_steps
+                && self.steps.is_multiple_of(learning.steps_per_update)
+            {
+                let rates = rates(config, self.steps, stage.length);
+                let update = self.agent.update(&self.replay, &rates, &mut self.batch_rng);
+                if !update.is_finite() {
+                    return Err(Diverged { step: self.total_steps });
+                }
+            }
+            if outcome.ended {
+                break;
+            }
+        }
+        record.total_steps = self.total_steps;
+        Ok(record)
+    }
+
+    /// The actor to keep, and how the selection saw it where there was one.
+    #[must_use]
+    pub fn kept(&self) -> (Frozen, Option<Standing>) {
+        if let Some((frozen, standing)) = self.selector.as_ref().and_then(Selector::best) {
+            return (frozen.clone(), Some(standing));
+        }
+        let averaged = self.config.learning.actor_averaging > 0.0;
+        (Frozen::trained(&self.config, &self.agent.actor(averaged)), None)
+    }
+}
+
+/// An action in unit space: at random, or the actor's with noise.
+fn explore(
+    config: &Config,
+    agent: &mut dyn Agent,
+    noise: &mut Noise,
+    rng: &mut Pcg64,
+    observation: [f32; 3],
+    at_random: bool,
+) -> [f32; 2] {
+    let n = &config.network;
+    let unit = |i: usize, x: f32| (x - n.action_offset[i]) / n.action_scale[i];
+    let action = if at_random {
+        [0, 1].map(|i| unit(i, rng.random_range(n.action_low[i]..=n.action_high[i])))
+    } else {
+        let (action, noise) = (agent.act(observation), noise.next(rng));
+        [0, 1].map(|i| action[i] + noise[i])
+    };
+    if !noise.keeps_clipped() {
+        return action;
+    }
+    [0, 1].map(|i| {
+        let low = unit(i, n.action_low[i]).max(-n.output_bound);
+        let high = unit(i, n.action_high[i]).min(n.output_bound);
+        action[i].clamp(low, high)
+    })
+}
+
+/// The rates of the update after step `steps` of a stage.
+fn rates(config: &Config, steps: u64, length: Length) -> Rates {
+    let l = &config.learning;
+    let decay = match length {
+        Length::Steps(n) => 1.0 - (1.0 - l.final_learning_rate) * (steps as f32 / n as f32),
+        Length::Episodes(_) => 1.0,
+    };
+    Rates {
+        actor_learning_rate: decay * l.actor_learning_rate,
+        critic_learning_rate: decay * l.critic_learning_rate,
+        discount: l.discount,
+        target_smoothing: l.target_smoothing,
+        actor_averaging: l.actor_averaging,
+        max_gradient_norm: l.max_gradient_norm,
+        mirror: l.mirror,
+    }
+}
+
+/// An agent with fresh weights.
+#[must_use]
+pub fn agent(config: &Config, isa: Isa, rng: &mut impl Rng) -> Box<dyn Agent> {
+    let n = &config.network;
+    let output = UnitOutput { gain: n.output_gain, bound: n.output_bound };
+    let mut layer = |inputs, outputs| initial(n.initial_weights, inputs, outputs, rng);
+    let h = ACTOR_HIDDEN;
+    let mut actor = [layer(3, h), layer(h, h), layer(h, 2)];
+    for x in actor[2].weights.iter_mut().chain(&mut actor[2].bias) {
+        *x *= n.actor_last_layer;
+    }
+    let critic = match n.critic {
+        Critic::ActionAtSecondLayer => [layer(3, 50), layer(52, 50), layer(50, 1)],
+        Critic::Joint50 => [layer(5, 50), layer(50, 50), layer(50, 1)],
+        Critic::Joint100 => [layer(5, 100), layer(100, 100), layer(100, 1)],
+    };
+    match (n.critic, config.learning.batch) {
+        (Critic::ActionAtSecondLayer, 32) => {
+            Box::new(PaperDdpg::<32>::new(isa, output, &actor, &critic))
+        }
+        (Critic::ActionAtSecondLayer, _) => {
+            Box::new(PaperDdpg::<64>::new(isa, output, &actor, &critic))
+        }
+        (Critic::Joint50, 32) => Box::new(JointDdpg50::<32>::new(isa, output, &actor, &critic)),
+        (Critic::Joint50, _) => Box::new(JointDdpg50::<64>::new(isa, output, &actor, &critic)),
+        (Critic::Joint100, 32) => Box::new(JointDdpg100::<32>::new(isa, output, &actor, &critic)),
+        (Critic::Joint100, _) => Box::new(JointDdpg100::<64>::new(isa, output, &actor, &critic)),
+    }
+}
+
+fn initial(kind: InitialWeights, inputs: usize, outputs: usize, rng: &mut impl Rng) -> Layer {
+    let bound = match kind {
+        InitialWeights::Glorot => (6.0 / (inputs + outputs) as f32).sqrt(),
+        InitialWeights::FanIn => 1.0 / (inputs as f32).sqrt(),
+    };
+    let mut draw =
+        |n: usize| -> Vec<f32> { (0..n).map(|_| rng.random_range(-bound..=bound)).collect() };
+    let weights = draw(inputs * outputs);
+    let bias = match kind {
+        InitialWeights::Glorot => vec![0.0; outputs],
+        InitialWeights::FanIn => draw(outputs),
+    };
+    Layer { inputs, weights, bias }
+}
