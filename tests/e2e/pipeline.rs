@@ -15,9 +15,7 @@ fn train(folder: &Path, name: &str) -> Vec<u8> {
     let (_, said, status) = run(tests::program("trainer")
         .args(["train", "--preset", "robust", "--seed", "3", "--steps", "9000"])
         .args(["--eval-starts", "0", "--out"])
-        .arg(&path)
-        .arg("--log")
-        .arg(folder.join("episodes.csv")));
+        .arg(&path));
     assert_eq!(status, Some(0), "{said}");
     std::fs::read(path).expect("a policy file")
 }
@@ -27,7 +25,7 @@ fn a_policy_is_trained_evaluated_and_flown_by_a_controller_of_its_own() {
     let folder = tempfile::tempdir().unwrap();
     let blob = train(folder.path(), "policy.bin");
     assert_eq!(blob, train(folder.path(), "again.bin"), "the same seed, the same file");
-    let log = std::fs::read_to_string(folder.path().join("episodes.csv")).unwrap();
+    let log = std::fs::read_to_string(folder.path().join("policy.csv")).unwrap();
     assert!(log.lines().count() > 500, "a row for every episode");
     let policy = folder.path().join("policy.bin");
 

@@ -1,7 +1,7 @@
 //! The `sim-host` command line: one file a subcommand.
 //!
 //! Exit status: 0 when all went well; 2 for what the caller can put right, a
-//! wrong option or bad input ([`Misuse`], and whatever clap refuses); 1 for any
+//! wrong option or bad input (`Misuse`, and whatever clap refuses); 1 for any
 //! other failure, a leg that falls among them.
 
 mod apex;

@@ -88,6 +88,7 @@ impl Recorder {
     #[must_use]
     pub fn report(&self, outcome: &Outcome, end_rho: f64) -> Report {
         let run = outcome.report();
+        let regions = Regions::of(&self.track);
         let density_errors = self.track.apexes.iter().map(ApexMark::density_error);
         Report {
             falls: run.falls,
@@ -98,7 +99,8 @@ impl Recorder {
             ticks: run.ticks,
             ticks_per_s: run.ticks_per_s,
             round_trip_us: run.round_trip_us,
-            tracking: Regions::of(&self.track),
+            tracking: regions.tracking(),
+            regions,
             rho_error_max: density_errors.fold(0.0, f64::max),
             state_hash: run.state_hash,
         }

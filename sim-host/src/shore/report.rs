@@ -24,8 +24,10 @@ pub struct Report {
     pub ticks_per_s: f64,
     /// From sending a sample to having its command, us.
     pub round_trip_us: RoundTripUs,
-    /// How well the set-point was kept.
-    pub tracking: Regions<Tracking>,
+    /// Mean distance of the apex velocity from the set-point, m/s.
+    pub tracking: Regions<f64>,
+    /// More on each region.
+    pub regions: Regions<Region>,
     /// Largest error of the density estimate at an apex.
     pub rho_error_max: f64,
     /// Hash of every state and command of the run.
@@ -43,20 +45,20 @@ pub struct Regions<T> {
     pub land: T,
 }
 
-/// How well the apex velocity kept to the set-point in a region.
+/// The hops in a region.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub struct Tracking {
+pub struct Region {
     /// Apexes there.
     pub hops: usize,
     /// Their mean velocity, m/s.
     pub mean_v: f64,
     /// Mean distance of the velocity from the set-point, m/s.
-    pub mean_abs_error: f64,
+    pub tracking_error: f64,
     /// Largest distance of the density estimate from the truth.
     pub rho_error_max: f64,
 }
 
-impl Tracking {
+impl Region {
     fn over(apexes: &[&ApexMark]) -> Self {
         let mean = |f: &dyn Fn(&ApexMark) -> f64| {
             apexes.iter().map(|a| f(a)).sum::<f64>() / apexes.len().max(1) as f64
@@ -64,19 +66,29 @@ impl Tracking {
         Self {
             hops: apexes.len(),
             mean_v: mean(&|a| a.vx_m_s),
-            mean_abs_error: mean(&ApexMark::error_m_s),
+            tracking_error: mean(&ApexMark::error_m_s),
             rho_error_max: apexes.iter().map(|a| a.density_error()).fold(0.0, f64::max),
         }
     }
 }
 
-impl Regions<Tracking> {
+impl Regions<Region> {
+    /// The tracking error of each, m/s.
+    #[must_use]
+    pub fn tracking(&self) -> Regions<f64> {
+        Regions {
+            water: self.water.tracking_error,
+            shore: self.shore.tracking_error,
+            land: self.land.tracking_error,
+        }
+    }
+
     /// Of a run's apexes, each in the region of its density.
     #[must_use]
     pub fn of(track: &Track) -> Self {
         let within = |is_there: fn(f64) -> bool| {
             let there: Vec<_> = track.apexes.iter().filter(|a| is_there(a.density_ratio)).collect();
-            Tracking::over(&there)
+            Region::over(&there)
         };
         Self {
             water: within(|rho| rho >= 1.0),
@@ -88,7 +100,7 @@ impl Regions<Tracking> {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Regions { water, shore, land } = &self.tracking;
+        let Regions { water, shore, land } = &self.regions;
         let row = |f: &mut fmt::Formatter<'_>, name: &str, unit: &str, values: [f64; 3]| {
             let [w, s, l] = values;
             writeln!(f, "  {name:<26}{w:>9.4}{s:>9.4}{l:>9.4}  {unit}")
@@ -96,7 +108,7 @@ impl fmt::Display for Report {
         writeln!(f, "  {:<26}{:>9}{:>9}{:>9}", "", "water", "shore", "land")?;
         writeln!(f, "  {:<26}{:>9}{:>9}{:>9}", "hops", water.hops, shore.hops, land.hops)?;
         row(f, "mean velocity", "m/s", [water.mean_v, shore.mean_v, land.mean_v])?;
-        let errors = [water.mean_abs_error, shore.mean_abs_error, land.mean_abs_error];
+        let errors = [water.tracking_error, shore.tracking_error, land.tracking_error];
         row(f, "mean |v - set-point|", "m/s", errors)?;
         let rho_errors = [water.rho_error_max, shore.rho_error_max, land.rho_error_max];
         row(f, "density estimate, max error", "", rho_errors)?;
@@ -129,8 +141,8 @@ mod tests {
         let regions = Regions::of(&Track { apexes, ..Track::default() });
         assert_eq!([regions.water.hops, regions.shore.hops, regions.land.hops], [2, 1, 1]);
         assert_eq!(regions.water.mean_v, 1.0);
-        assert_eq!(regions.water.mean_abs_error, 0.5);
+        assert_eq!(regions.water.tracking_error, 0.5);
         assert!((regions.shore.rho_error_max - 0.01).abs() < 1e-12);
-        assert_eq!(regions.land.mean_abs_error, 0.0);
+        assert_eq!(regions.land.tracking_error, 0.0);
     }
 }

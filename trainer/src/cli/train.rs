@@ -11,6 +11,7 @@ use anyhow::Context;
 use clap::Args;
 use controller::policy::Policy;
 use indicatif::{ProgressBar, ProgressStyle};
+use sim_host::output::Pending;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -28,7 +29,8 @@ pub(super) struct Arguments {
     /// The policy file to write
     #[arg(long)]
     out: PathBuf,
-    /// CSV file with a row for every episode: reward, steps, q0
+    /// CSV file with a row for every episode: reward, steps, q0 [default: the
+    /// policy file's name with .csv]
     #[arg(long)]
     log: Option<PathBuf>,
     /// Length of the last stage in environment steps, instead of the preset's
@@ -61,29 +63,31 @@ impl Arguments {
     }
 }
 
+/// Trains to the end, with a row of the log for every episode.
+fn learn(training: &mut Training, log: &mut csv::Writer<Pending>) -> Result<(), Failure> {
+    let bar = progress_bar();
+    while let Some(record) = training.episode().map_err(failed)? {
+        log.serialize(record).context("--log: cannot be written").map_err(failed)?;
+        bar.set_position((BAR * training.share_done()) as u64);
+    }
+    bar.finish_and_clear();
+    Ok(())
+}
+
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let config = arguments.config()?;
     let isa = arguments.isa.isa()?;
     // Before the training, not after it: whether there is anywhere to write to.
     drop(begin(&arguments.out)?);
-    let mut log = match &arguments.log {
-        Some(path) => Some((path, csv::Writer::from_writer(begin(path)?))),
-        None => None,
-    };
+    let log_path = arguments.log.clone().unwrap_or_else(|| arguments.out.with_extension("csv"));
+    let mut log = csv::Writer::from_writer(begin(&log_path)?);
     let began = Instant::now();
     let mut training = Training::new(config.clone(), arguments.seed, isa);
-    let bar = progress_bar();
-    while let Some(record) = training.episode().map_err(failed)? {
-        if let Some((_, log)) = &mut log {
-            log.serialize(record).context("--log: cannot be written").map_err(failed)?;
-        }
-        bar.set_position((BAR * training.share_done()) as u64);
-    }
-    bar.finish_and_clear();
+    let learnt = learn(&mut training, &mut log);
+    // Also of a training that diverged: the log is where to look for the reason.
+    finish(&log_path, log.into_inner().map_err(|e| failed(e.into_error()))?)?;
+    learnt?;
     let took = began.elapsed();
-    if let Some((path, log)) = log {
-        finish(path, log.into_inner().map_err(|e| failed(e.into_error()))?)?;
-    }
     let (frozen, standing) = training.kept();
     let gains = if config.gains.is_empty() {
         crate::evaluate::gains::search(&frozen.actor())
