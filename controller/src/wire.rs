@@ -56,7 +56,8 @@ pub struct Sample {
     pub y_m: f32,
     /// Vertical velocity of the mass, m/s.
     pub vy_m_s: f32,
-    /// Distance from foot to mass, m; read with [`flags::LEG_LENGTH_SENSED`].
+    /// Length of the leg from foot to mass, m (in flight that of the unloaded
+    /// leg, its elongation included); read with [`flags::LEG_LENGTH_SENSED`].
     pub leg_length_m: f32,
     /// Fluid density over that of water; read with [`flags::DENSITY_SENSED`].
     pub density_ratio: f32,

@@ -4,9 +4,10 @@
 //! inside it placed to the integrator's tolerance; a tick may be of any length. Two things
 //! exist here that the apex map does not have:
 //!
-//! * **The elongation is commanded**, as a ramp over the tick. In flight the leg has its rest
-//!   length whatever the command says; from touchdown on the spring's rest length is what the
-//!   ramp gives. A ramp that starts below 0 and passes it at touchdown is the apex map's.
+//! * **The elongation is commanded**, as a ramp over the tick. In flight it lengthens the leg
+//!   only as a length sensor sees it; the foot comes down on the unextended leg, and from
+//!   touchdown on the spring's rest length is what the ramp gives. A ramp that starts below 0
+//!   and passes it at touchdown is the apex map's.
 //! * **The leg angle may change in flight.** The leg is massless and takes any angle at once.
 //!   On the way up the foot may pass through the ground (the leg folds). On the way down the
 //!   ground stops it: a swing that would carry the foot from above the ground to below it
@@ -120,6 +121,8 @@ pub struct TickPlant {
     leg: Leg,
     body: Body,
     phase: Phase,
+    /// Of the spring with its elongation, at the end of the last tick.
+    unloaded_length_m: f64,
     /// The leg angle at which the foot was last seen above the ground in this descent.
     clear_angle_rad: Option<f64>,
     tolerance: Tolerance,
@@ -143,6 +146,7 @@ impl TickPlant {
             leg,
             body,
             phase: Phase::Flight,
+            unloaded_length_m: leg.parameters().rest_length_m,
             clear_angle_rad: None,
             tolerance: Tolerance::default(),
         }
@@ -166,14 +170,15 @@ impl TickPlant {
         &self.leg
     }
 
-    /// Length of the leg: its rest length unless the foot is down.
+    /// Length of the leg, as a sensor on it measures: from foot to mass while the foot is down;
+    /// else that of the unloaded leg, extended as far as the last command took it.
     #[must_use]
     pub fn leg_length_m(&self) -> f64 {
         match self.phase {
             Phase::Stance { foot_x_m, foot_y_m } => {
                 libm::hypot(self.body.x_m - foot_x_m, self.body.y_m - foot_y_m)
             }
-            Phase::Flight | Phase::Fallen => self.leg.parameters().rest_length_m,
+            Phase::Flight | Phase::Fallen => self.unloaded_length_m,
         }
     }
 
@@ -209,6 +214,7 @@ impl TickPlant {
             ground,
             end_s: dt_s,
         };
+        self.unloaded_length_m = tick.elongation.ramp(dt_s).0.length_m;
         let mut t_s = 0.0;
         let mut stretches = 0;
         // The foot's length is known exactly only in the moment of touchdown.
