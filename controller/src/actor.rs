@@ -197,17 +197,12 @@ impl<'a> Actor<'a> {
         let scaling = &self.observation;
         let input = (observation.vector() - Vector3::from(scaling.offset))
             .component_mul(&Vector3::from(scaling.scale));
-        let output = self.forward(&input);
-        let [angle, speed] = [0, 1].map(|i| self.scale_output(output[i], i));
-        Action { touchdown_angle_rad: angle, elongation_speed_m_s: speed }
-    }
-
-    fn scale_output(&self, z: f32, i: usize) -> f32 {
-        let a = &self.action;
-        let (low, high) = (a.low[i], a.high[i]);
-        let x = a.offset[i] + a.scale[i] * libm::tanhf(z);
-        // Written so that a NaN ends at the low bound.
-        if x >= low { if x <= high { x } else { high } } else { low }
+        let z = self.forward(&input);
+        let ActionScaling { scale, offset, low, high } = self.action;
+        Action {
+            touchdown_angle_rad: clip(offset[0] + scale[0] * libm::tanhf(z.x), low[0], high[0]),
+            elongation_speed_m_s: clip(offset[1] + scale[1] * libm::tanhf(z.y), low[1], high[1]),
+        }
     }
 
     /// The network up to its last sums, before tanh.
@@ -240,6 +235,11 @@ impl<'a> Actor<'a> {
 #[inline]
 fn relu(x: f32) -> f32 {
     if x > 0.0 { x } else { 0.0 }
+}
+
+/// Written so that a NaN ends at the low bound.
+fn clip(x: f32, low: f32, high: f32) -> f32 {
+    if x >= low { if x <= high { x } else { high } } else { low }
 }
 
 /// One layer of packed weights; returns the weights that follow it.

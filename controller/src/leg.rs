@@ -33,6 +33,9 @@ pub struct LegModel {
 /// Density of the reference fluid (ratio 1), kg/m3.
 pub const WATER_DENSITY_KG_M3: f32 = 1000.0;
 
+/// No parameter of a leg is above this, in SI units; so no product of two overflows.
+pub const MAX_FIGURE: f32 = 1e9;
+
 impl LegModel {
     /// The human-size leg of the paper.
     pub const HUMAN: Self = Self {
@@ -64,11 +67,11 @@ impl LegModel {
         ]
     }
 
-    /// Whether every figure is finite and none is below zero, and those that
-    /// the control law divides by (mass, volume, rest length) are above it.
+    /// Whether every figure is from 0 to [`MAX_FIGURE`], and those that the
+    /// control law divides by (mass, volume, rest length) are above 0.
     #[must_use]
     pub fn is_physical(&self) -> bool {
-        self.fields().iter().all(|x| x.is_finite() && *x >= 0.0)
+        self.fields().iter().all(|x| (0.0..=MAX_FIGURE).contains(x))
             && self.mass_kg > 0.0
             && self.volume_m3 > 0.0
             && self.rest_length_m > 0.0

@@ -46,6 +46,17 @@
 //! the spring's rest length until the next tick; see [`wire::Command`].
 #![cfg_attr(not(feature = "host"), no_std)]
 #![cfg_attr(not(feature = "host"), forbid(unsafe_code))]
+// Without std nobody catches a panic: what could raise one does not pass.
+#![cfg_attr(
+    not(any(test, feature = "host")),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::indexing_slicing,
+        clippy::unreachable
+    )
+)]
 
 pub mod actor;
 pub mod control;

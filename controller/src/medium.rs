@@ -8,9 +8,11 @@
 use crate::leg::LegModel;
 use heapless::Deque;
 
-/// Most samples in the window.
+/// Most samples in the window: noise of the slope falls with their number to
+/// the power of 1.5.
 const WINDOW: usize = 32;
-/// Oldest sample in the window, ns: longer, and drag before the apex shows.
+/// Oldest sample in the window, ns. Longer, and drag before the apex biases the
+/// estimate (see the tests).
 const WINDOW_NS: u64 = 40_000_000;
 /// Fewest samples that make an estimate.
 const MIN_SAMPLES: usize = 3;

@@ -90,10 +90,10 @@ pub fn gains_at(schedule: &[GainPoint], density_ratio: f32) -> GainPoint {
 fn clamp(x: f32, limit: f32) -> f32 {
     if x > limit {
         limit
-    } else if x < -limit {
-        -limit
-    } else {
+    } else if x >= -limit {
         x
+    } else {
+        -limit
     }
 }
 

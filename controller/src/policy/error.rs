@@ -1,6 +1,6 @@
 //! Why a blob is refused, or cannot be written.
 
-use super::{FORMAT_VERSION, MAX_TEST_VECTORS, MIN_TEST_VECTORS, PREAMBLE_LEN};
+use super::{FORMAT_VERSION, MAX_TEST_VECTORS, MIN_TEST_VECTORS};
 use crate::actor::{Action, ShapeError};
 use core::fmt;
 
@@ -69,7 +69,7 @@ impl fmt::Display for ParseError {
         match self {
             Self::TooShort { expected, found } => write!(
                 f,
-                "{found} bytes, but the policy has {expected} (at least {PREAMBLE_LEN}): \
+                "{found} bytes, but the policy has at least {expected}: \
                  it was cut off; copy it again"
             ),
             Self::TooLong { expected, found } => {

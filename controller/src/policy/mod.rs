@@ -55,7 +55,7 @@ const PREAMBLE_LEN: usize = 8 + 2 + 4;
 /// Bytes of the checksum at the end.
 const CRC_LEN: usize = 4;
 
-/// The checksum of blobs and frames.
+/// The checksum at the end of a blob.
 pub(crate) const CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 
 /// Everything in a blob but the weights and the test vectors.

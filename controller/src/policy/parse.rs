@@ -6,6 +6,12 @@ use super::{
 };
 use crate::actor::Actor;
 
+// Far beyond any leg; within them no figure of a command can overflow.
+const MAX_SPEED_M_S: f32 = 100.0;
+const MAX_DENSITY_RATIO: f32 = 100.0;
+const MAX_GRAVITY_M_S2: f32 = 1000.0;
+const MAX_GAIN: f32 = 1000.0;
+
 /// A checked policy over the bytes of its blob. There is no other way to make one.
 #[derive(Clone, Debug)]
 pub struct Policy<'a> {
@@ -112,17 +118,29 @@ fn check_figures(
     if !vectors.iter().all(vector_is_finite) {
         return Err(ParseError::NonFinite("test vectors"));
     }
-    if a.low.iter().zip(&a.high).any(|(low, high)| low > high) {
-        return Err(ParseError::OutOfRange("action clip (low above high)"));
+    let within = |[low, high]: [f32; 2], [least, most]: [f32; 2]| {
+        least <= low && low <= high && high <= most
+    };
+    if !within([a.low[0], a.high[0]], [0.0, core::f32::consts::PI]) {
+        return Err(ParseError::OutOfRange("clip of the angle (low to high, within 0 to pi rad)"));
     }
-    if [m.density_ratio, m.gravity_m_s2].iter().any(|[low, high]| low > high || *low < 0.0) {
-        return Err(ParseError::OutOfRange("media (low above high, or below 0)"));
+    if !within([a.low[1], a.high[1]], [0.0, MAX_SPEED_M_S]) {
+        return Err(ParseError::OutOfRange(
+            "clip of the elongation speed (low to high, within 0 to 100 m/s)",
+        ));
     }
-    if m.gravity_m_s2[0] <= 0.0 {
-        return Err(ParseError::OutOfRange("media gravity (must be above 0)"));
+    if !within(m.density_ratio, [0.0, MAX_DENSITY_RATIO]) {
+        return Err(ParseError::OutOfRange("media: density ratio (low to high, within 0 to 100)"));
+    }
+    if !within(m.gravity_m_s2, [f32::MIN_POSITIVE, MAX_GRAVITY_M_S2]) {
+        return Err(ParseError::OutOfRange(
+            "media: gravity (low to high, above 0, at most 1000 m/s2)",
+        ));
     }
     if !manifest.leg.is_physical() {
-        return Err(ParseError::OutOfRange("leg (masses, lengths and drag must be physical)"));
+        return Err(ParseError::OutOfRange(
+            "leg (each figure from 0 to 1e9, mass, volume and rest length above 0)",
+        ));
     }
     check_gains(manifest)
 }
@@ -139,9 +157,14 @@ fn check_gains(manifest: &Manifest<'_>) -> Result<(), ParseError> {
     }
     let ascending =
         gains.iter().zip(gains.iter().skip(1)).all(|(a, b)| a.density_ratio < b.density_ratio);
-    if gains.is_empty() || !ascending || gains.iter().any(|p| p.limit_m_s < 0.0) {
+    let in_range = |p: &super::GainPoint| {
+        [p.kp, p.ki, p.kd, p.feed_forward].iter().all(|gain| gain.abs() <= MAX_GAIN)
+            && (0.0..=MAX_SPEED_M_S).contains(&p.limit_m_s)
+    };
+    if gains.is_empty() || !ascending || !gains.iter().all(in_range) {
         return Err(ParseError::OutOfRange(
-            "cascade gains (at least one, by ascending density, limits not below 0)",
+            "cascade gains (at least one point, by ascending density, \
+             gains within +-1000, limits from 0 to 100 m/s)",
         ));
     }
     Ok(())

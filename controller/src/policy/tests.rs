@@ -79,6 +79,54 @@ fn figures_that_cannot_be_run_are_refused_at_writing() {
 }
 
 #[test]
+fn clips_and_gains_beyond_any_leg_are_refused() {
+    type Change = fn(&mut Manifest<'static>);
+    let changes: [Change; 7] = [
+        |m| m.action.low[0] = -9.0,
+        |m| m.action.high[0] = 3.2,
+        |m| m.action.low[1] = -1.0,
+        |m| m.action.high[1] = 1e38,
+        |m| m.gains[0].ki = 1e38,
+        |m| m.gains[0].limit_m_s = 1e6,
+        |m| m.leg.stiffness_n_m = 1e20,
+    ];
+    for change in changes {
+        let mut manifest = manifest();
+        change(&mut manifest);
+        let refused = blob_of(&manifest);
+        assert!(
+            matches!(refused, Err(WriteError::Invalid(ParseError::OutOfRange(_)))),
+            "{refused:?}"
+        );
+    }
+}
+
+#[test]
+fn a_sealed_blob_whose_fields_do_not_fit_is_refused() {
+    let change = |change: fn(&mut Blob<'_>)| {
+        let bytes = Bytes::new(&blob_of(&manifest()).unwrap());
+        let mut blob: Blob<'_> = postcard::from_bytes(bytes.get()).unwrap();
+        change(&mut blob);
+        let mut buffer = vec![0_u8; 16 * 1024];
+        let len = postcard::to_slice(&blob, &mut buffer).unwrap().len();
+        blob.length = len as u32;
+        refusal(&resealed(postcard::to_slice(&blob, &mut buffer).unwrap().to_vec()))
+    };
+    let fewer = |blob: &mut Blob<'_>| blob.weights = &blob.weights[4..];
+    assert!(matches!(change(fewer), ParseError::Shape(_)));
+    let torn = |blob: &mut Blob<'_>| blob.weights = &blob.weights[1..];
+    assert!(matches!(change(torn), ParseError::WeightBytes(_)));
+    let infinite = |blob: &mut Blob<'_>| {
+        blob.test_vectors[3].action.touchdown_angle_rad = f32::INFINITY;
+    };
+    assert_eq!(change(infinite), ParseError::NonFinite("test vectors"));
+    // A checksum that is right over fields that are none.
+    let mut garbage = blob_of(&manifest()).unwrap();
+    garbage[PREAMBLE_LEN..PREAMBLE_LEN + 8].fill(0xff);
+    assert_eq!(refusal(&resealed(garbage)), ParseError::Malformed);
+}
+
+#[test]
 fn too_few_test_vectors_are_refused() {
     let bytes = Bytes::new(&blob_of(&manifest()).unwrap());
     let mut blob: Blob<'_> = postcard::from_bytes(bytes.get()).unwrap();

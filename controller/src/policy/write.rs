@@ -54,8 +54,8 @@ pub fn write(
     let too_small = WriteError::BufferTooSmall(buffer.len());
     let unpadded = postcard::to_slice(&blob, buffer).map_err(|_| too_small)?.len();
     let weights_at = unpadded - CRC_LEN - size_of_val(packed);
-    let zeros = &[0; 3];
-    blob.padding = &zeros[..(4 - weights_at % 4) % 4];
+    let zeros: &[u8] = &[0; 3];
+    blob.padding = zeros.get(..(4 - weights_at % 4) % 4).unwrap_or_default();
     let len = unpadded + blob.padding.len();
     blob.length = len as u32;
     let used = postcard::to_slice(&blob, buffer).map_err(|_| too_small)?;
