@@ -2,6 +2,7 @@
 //! optional; the flags win. [`super::Scenario`] is what has been checked.
 
 use clap::ValueEnum;
+use serde::de::{Deserializer, Error};
 use serde::{Deserialize, Serialize};
 
 use super::profile::SetPointStep;
@@ -74,9 +75,10 @@ pub struct Settings {
     pub density_ratio: Option<f64>,
     /// Density ratio along the way, as x:ratio,x:ratio,… in m; linear in between.
     #[arg(long, value_name = "PROFILE", value_parser = parse_profile)]
+    #[serde(deserialize_with = "points")]
     pub density_profile: Option<Points>,
     /// Gravity, instead of the named medium's, m/s2.
-    #[arg(long = "gravity", value_name = "M_S2")]
+    #[arg(long = "gravity", value_name = "M_S2", allow_negative_numbers = true)]
     pub gravity_m_s2: Option<f64>,
     /// Whether the controller is told the density or estimates it [default: estimated].
     #[arg(long, value_name = "HOW")]
@@ -123,6 +125,16 @@ pub struct StartSettings {
 pub type Points = Vec<[f64; 2]>;
 /// Changes of the set-point.
 pub type Steps = Vec<SetPointStep>;
+
+/// Reads points, each of exactly two numbers: TOML would drop a third.
+fn points<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Points>, D::Error> {
+    let point = |numbers: Vec<f64>| {
+        numbers.try_into().map_err(|numbers| {
+            D::Error::custom(format!("{numbers:?}: a point must be two numbers, [x, value]"))
+        })
+    };
+    Vec::deserialize(deserializer)?.into_iter().map(point).collect::<Result<_, _>>().map(Some)
+}
 
 fn parse_pair(text: &str) -> Result<(&str, f64), String> {
     let (left, right) = text.split_once(':').ok_or(format!("`{text}` has no `:`"))?;
@@ -171,6 +183,22 @@ mod tests {
         }
         for bad in ["", "30:1", "y3:1", "x:1", "t1:z"] {
             assert!(parse_steps(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_point_has_exactly_two_numbers() {
+        let read = toml::from_str::<Settings>("density_profile = [[15, 1], [30.0, 0.0]]").unwrap();
+        assert_eq!(read.density_profile, Some(vec![[15.0, 1.0], [30.0, 0.0]]));
+        for (bad, point) in [
+            ("[[1.0, 2.0, 3.0]]", "[1.0, 2.0, 3.0]"),
+            ("[[0.0, 1.0], [7.5]]", "[7.5]"),
+            ("[[]]", "[]"),
+        ] {
+            let refused = toml::from_str::<Settings>(&format!("density_profile = {bad}"));
+            let message = refused.unwrap_err().to_string();
+            let what = format!("{point}: a point must be two numbers");
+            assert!(message.contains(&what) && message.contains("density_profile"), "{message}");
         }
     }
 
