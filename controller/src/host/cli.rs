@@ -29,10 +29,11 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     pub policy: Option<PathBuf>,
     /// Ticks a second; the simulator's must be the same.
-    #[arg(long, value_name = "HZ", default_value_t = 1000)]
+    #[arg(long, value_name = "HZ", default_value_t = 1000, allow_negative_numbers = true)]
     pub rate: u32,
-    /// Gravity where the leg is, m/s2 (the density estimate needs it).
-    #[arg(long, value_name = "M_S2", default_value_t = 9.81)]
+    /// Gravity where the leg is, m/s2; the simulator's must be the same (the
+    /// density estimate needs it).
+    #[arg(long, value_name = "M_S2", default_value_t = 9.81, allow_negative_numbers = true)]
     pub gravity: f32,
     /// Where to find the simulator.
     #[command(flatten)]
@@ -46,7 +47,7 @@ pub struct Meeting {
     #[arg(long, value_name = "NAME")]
     pub domain: Option<String>,
     /// How long to wait for a missing or silent peer, s.
-    #[arg(long, value_name = "S", default_value = "10", value_parser = parse_timeout)]
+    #[arg(long, value_name = "S", default_value = "10", value_parser = parse_timeout, allow_negative_numbers = true)]
     pub timeout: Duration,
 }
 

@@ -48,16 +48,16 @@ pub enum DensitySense {
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
     /// Ticks a second; the controller's must be the same [default: 1000].
-    #[arg(long = "rate", value_name = "HZ")]
+    #[arg(long = "rate", value_name = "HZ", allow_negative_numbers = true)]
     pub rate_hz: Option<u32>,
     /// Simulated time after which the run ends, s [default: 60].
-    #[arg(long = "duration", value_name = "S")]
+    #[arg(long = "duration", value_name = "S", allow_negative_numbers = true)]
     pub duration_s: Option<f64>,
     /// Distance from the start at which the run ends, m [default: none].
-    #[arg(long = "distance", value_name = "M")]
+    #[arg(long = "distance", value_name = "M", allow_negative_numbers = true)]
     pub distance_m: Option<f64>,
     /// Seed of what is random: the start, within its spreads [default: 0].
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub seed: Option<u64>,
 
     /// Leg by name [default: human].
@@ -71,7 +71,7 @@ pub struct Settings {
     #[arg(long, value_name = "NAME")]
     pub medium: Option<MediumPreset>,
     /// Density of the medium over that of water, instead of the named medium's.
-    #[arg(long, value_name = "RATIO")]
+    #[arg(long, value_name = "RATIO", allow_negative_numbers = true)]
     pub density_ratio: Option<f64>,
     /// Density ratio along the way, as x:ratio,x:ratio,… in m; linear in between.
     #[arg(long, value_name = "PROFILE", value_parser = parse_profile)]
@@ -104,7 +104,7 @@ pub struct StartSettings {
     #[arg(long = "start-x", value_name = "M", allow_negative_numbers = true)]
     pub x_m: Option<f64>,
     /// Height at the start, m [default: twice the leg's rest length].
-    #[arg(long = "start-y", value_name = "M")]
+    #[arg(long = "start-y", value_name = "M", allow_negative_numbers = true)]
     pub y_m: Option<f64>,
     /// Horizontal velocity at the start, m/s [default: 0].
     #[arg(long = "start-vx", value_name = "M_S", allow_negative_numbers = true)]
@@ -113,10 +113,10 @@ pub struct StartSettings {
     #[arg(long = "start-vy", value_name = "M_S", allow_negative_numbers = true)]
     pub vy_m_s: Option<f64>,
     /// The seed moves the horizontal velocity by up to this much, m/s [default: 0].
-    #[arg(long = "start-vx-spread", value_name = "M_S")]
+    #[arg(long = "start-vx-spread", value_name = "M_S", allow_negative_numbers = true)]
     pub vx_spread_m_s: Option<f64>,
     /// The seed raises the height by up to this much, m [default: 0].
-    #[arg(long = "start-y-spread", value_name = "M")]
+    #[arg(long = "start-y-spread", value_name = "M", allow_negative_numbers = true)]
     pub y_spread_m: Option<f64>,
 }
 

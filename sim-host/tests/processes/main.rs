@@ -171,9 +171,24 @@ fn what_cannot_be_run_is_refused_with_status_2() {
     let place = Place::new();
     let missing = text(&place.base()).to_owned() + ".none";
     place.controller(&["--rate", "7"]).end().assert(2, &["7 Hz", "50"]);
-    place.controller(&["--timeout=-1"]).end().assert(2, &["--timeout", "-1", "above 0"]);
+    place.controller(&["--timeout", "-1"]).end().assert(2, &["--timeout", "-1", "above 0"]);
     place.simulator(&["--scenario", &missing]).end().assert(2, &["cannot read", &missing]);
     place.simulator(&["--set-point", "99"]).end().assert(2, &["set_point_m_s", "99", "50"]);
+    place.controller(&["--gravity", "-1"]).end().assert(2, &["gravity -1", "above 0"]);
+    for (flag, key, limit) in [
+        ("--timeout", "--timeout", "above 0"),
+        ("--gravity", "gravity_m_s2", "above 0"),
+        ("--start-y", "start.y_m", "above 0"),
+        ("--start-y-spread", "start.y_spread_m", "from 0"),
+        ("--start-vx-spread", "start.vx_spread_m_s", "from 0"),
+        ("--density-ratio", "density_ratio", "from 0"),
+        ("--duration", "duration_s", "above 0"),
+        ("--distance", "distance_m", "above 0"),
+        ("--rate", "--rate", "0.."),
+        ("--seed", "--seed", "-1"),
+    ] {
+        place.simulator(&[flag, "-1"]).end().assert(2, &[key, "-1", limit]);
+    }
     place.simulator(&["--policy", "any.bin"]).end().assert(2, &["--policy", "--spawn"]);
     place.alone(&["--spawn", "--domain", "a/b"]).end().assert(2, &["a/b", "is not a name"]);
 
