@@ -254,6 +254,17 @@ fn start(s: &StartSettings, seed: u64, leg: &Leg, guard: &Limits) -> Result<Body
     let vx_m_s = within("start.vx_m_s", s.vx_m_s.unwrap_or(0.0), [-speed, speed])?;
     let y_m = s.y_m.unwrap_or(usual_y_m);
     above_zero("start.y_m", y_m, top)?;
+    let spread = [
+        ("start.vx_m_s", vx_m_s, "start.vx_spread_m_s", vx_spread_m_s, speed),
+        ("start.y_m", y_m, "start.y_spread_m", y_spread_m, top),
+    ];
+    for (key, value, spread_key, spread, limit) in spread {
+        if value.abs() + spread > limit {
+            let value = format!("{value} with {spread_key} {spread}");
+            let limit = format!("together they must be at most {limit}");
+            return Err(BadValue::new(key, value, limit));
+        }
+    }
     let mut rng = Pcg64Mcg::seed_from_u64(seed);
     let mut unit = || (rng.next_u64() >> 11) as f64 * (1.0 / (1_u64 << 53) as f64);
     Ok(Body {

@@ -45,6 +45,14 @@ fn every_value_that_cannot_be_is_named_with_its_limit() {
         ),
         ("[start]\ny_m = 0.0", ["start.y_m", "0", "above 0"]),
         ("[start]\nvx_m_s = 51.0", ["start.vx_m_s", "51", "50"]),
+        (
+            "[start]\ny_m = 99.0\ny_spread_m = 1.5",
+            ["start.y_m: 99", "start.y_spread_m 1.5", "at most 100"],
+        ),
+        (
+            "[start]\nvx_m_s = -49.0\nvx_spread_m_s = 2.0",
+            ["start.vx_m_s: -49", "start.vx_spread_m_s 2", "at most 50"],
+        ),
         ("[start]\ny_spread_m = -1.0", ["start.y_spread_m", "-1", "from 0"]),
     ] {
         let message = refused(text);
