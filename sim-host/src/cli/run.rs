@@ -60,6 +60,14 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     } else {
         print_summary(&outcome);
     }
+    if outcome.all_safe() {
+        eprintln!(
+            "sim-host: warning: the controller never left its safe state: of {} ticks all were \
+             under its safe command, {} samples were rejected; an action needs samples within \
+             the guard's limits and an apex from which the leg falls",
+            outcome.ticks, outcome.rejected
+        );
+    }
     if outcome.ending == Ending::Fall {
         eprintln!("sim-host: the leg fell at x = {:.2} m", outcome.body.x_m);
         return Ok(ExitCode::from(1));
@@ -122,8 +130,8 @@ fn print_summary(outcome: &Outcome) {
         report.sim_time_s, report.ticks, report.distance_m
     );
     println!(
-        "hops {}, apexes {}, falls {}, ticks in the safe state {}",
-        report.hops, report.apexes, report.falls, report.safe_ticks
+        "hops {}, apexes {}, falls {}, ticks in the safe state {}, samples rejected {}",
+        report.hops, report.apexes, report.falls, report.safe_ticks, report.rejected
     );
     let us = report.round_trip_us;
     println!(
