@@ -11,7 +11,7 @@ use controller::host::memory::Inline;
 use controller::host::shm::ConnectError;
 use controller::host::{Role, Stop};
 
-use super::misuse;
+use super::{checked_policy, misuse};
 use crate::scenario::{self, Scenario, Settings};
 use crate::session::child::ControllerCall;
 use crate::session::lock_step::{self, Ending, Options, Outcome};
@@ -93,6 +93,9 @@ fn over_shared_memory(scenario: &Scenario, args: &Args) -> anyhow::Result<Outcom
     } else {
         args.meeting.domain().to_owned()
     };
+    if args.spawn {
+        checked_policy(args.policy.as_deref())?;
+    }
     let timeout = args.meeting.timeout;
     let start = args.spawn.then(|| ControllerCall {
         policy: args.policy.clone(),
