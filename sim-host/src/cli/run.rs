@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use controller::control::{Config, Controller};
-use controller::host::blob::PolicyBlob;
-use controller::host::cli::{Meeting as MeetingArgs, SAY_AFTER};
+use controller::host::card::leg_fingerprint;
+use controller::host::cli::{Meeting as MeetingArgs, SAY_AFTER, other_leg};
 use controller::host::domain::DomainError;
 use controller::host::memory::Inline;
 use controller::host::shm::ConnectError;
@@ -76,10 +76,14 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
 }
 
 fn in_process(scenario: &Scenario, policy: Option<&Path>) -> anyhow::Result<Outcome> {
-    let blob = PolicyBlob::load(policy).map_err(misuse)?;
+    let blob = checked_policy(policy)?;
     let policy = blob.policy().map_err(misuse)?;
+    let leg = leg_fingerprint(&scenario.leg_model());
+    if let Some(warning) = other_leg(policy.manifest(), Some(leg)) {
+        eprintln!("sim-host: {warning}");
+    }
     let config = Config::at_rate(scenario.rate_hz)
-        .and_then(|config| config.with_gravity(scenario.gravity_m_s2 as f32))
+        .and_then(|config| config.with_gravity(scenario.controller_gravity_m_s2()))
         .map_err(misuse)?;
     let mut controller = Controller::new(policy, config);
     let mut link = Inline::new(|sample| controller.tick(Some(sample)));
@@ -100,7 +104,7 @@ fn over_shared_memory(scenario: &Scenario, args: &Args) -> anyhow::Result<Outcom
     let start = args.spawn.then(|| ControllerCall {
         policy: args.policy.clone(),
         rate_hz: scenario.rate_hz,
-        gravity_m_s2: scenario.gravity_m_s2,
+        gravity_m_s2: scenario.controller_gravity_m_s2(),
         domain: domain.clone(),
         timeout,
     });

@@ -83,7 +83,7 @@ fn meeting(args: &Args, scenario: &Scenario) -> Meeting {
     let call = ControllerCall {
         policy: args.policy.clone(),
         rate_hz: scenario.rate_hz,
-        gravity_m_s2: scenario.gravity_m_s2,
+        gravity_m_s2: scenario.controller_gravity_m_s2(),
         domain: domain.clone(),
         timeout: TIMEOUT,
     };

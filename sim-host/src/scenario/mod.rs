@@ -13,6 +13,8 @@ use std::path::{Path, PathBuf};
 
 use controller::control::RATE_HZ;
 use controller::guard::Limits;
+use controller::host::Terms;
+use controller::leg::LegModel;
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::{Rng, SeedableRng};
 
@@ -71,6 +73,38 @@ impl Scenario {
     #[must_use]
     pub fn ticks(&self) -> u64 {
         (self.duration_s * f64::from(self.rate_hz)).ceil() as u64
+    }
+
+    /// Gravity as the controller knows it, m/s2.
+    #[must_use]
+    pub fn controller_gravity_m_s2(&self) -> f32 {
+        self.gravity_m_s2 as f32
+    }
+
+    /// The leg, as a policy states the one that it was trained for.
+    #[must_use]
+    pub fn leg_model(&self) -> LegModel {
+        let p = self.leg.parameters();
+        LegModel {
+            mass_kg: p.mass_kg as f32,
+            added_mass_kg: p.added_mass_kg as f32,
+            stiffness_n_m: p.stiffness_n_m as f32,
+            volume_m3: p.volume_m3 as f32,
+            rest_length_m: p.rest_length_m as f32,
+            max_elongation_m: p.max_elongation_m as f32,
+            area_x_m2: p.area_x_m2 as f32,
+            area_y_m2: p.area_y_m2 as f32,
+            drag_x: p.drag_x as f32,
+            drag_y: p.drag_y as f32,
+        }
+    }
+
+    /// What to tell a controller in another process, before the first message.
+    #[must_use]
+    pub fn terms(&self) -> Terms {
+        Terms::at(self.rate_hz)
+            .with_gravity(self.controller_gravity_m_s2())
+            .with_leg(&self.leg_model())
     }
 
     /// The medium at a place.

@@ -79,6 +79,14 @@ fn a_leg_may_be_given_by_its_parameters() {
 }
 
 #[test]
+fn a_controller_is_told_gravity_and_leg() {
+    let moon = Scenario::from_settings(&Settings::from_toml("medium = \"moon\"").unwrap()).unwrap();
+    assert_eq!(moon.leg_model(), LegModel::HUMAN, "the same figures on both sides");
+    assert_eq!(moon.terms(), Terms::at(1000).with_gravity(1.62).with_leg(&LegModel::HUMAN));
+    assert_ne!(Scenario { leg: Leg::crab(), ..moon.clone() }.terms().leg, moon.terms().leg);
+}
+
+#[test]
 fn flags_win_over_the_file() {
     let file = Settings::from_toml(include_str!("../../scenarios/shore.toml")).unwrap();
     let flags = Settings {
