@@ -72,10 +72,22 @@ fn a_bad_row_says_where_and_what_and_leaves_the_output_alone() {
     let out = folder.path().join("out.csv");
     std::fs::write(&out, "precious").unwrap();
     let rows = [
-        ("x", r#"standard input, line 3, column y: "x"; it must be a number above 0"#),
-        ("-1", r#"standard input, line 3, column y: "-1"; it must be a number above 0"#),
-        ("", r#"standard input, line 3, column y: ""; it must be a number above 0"#),
-        ("inf", r#"standard input, line 3, column y: "inf"; it must be a number above 0"#),
+        (
+            "x",
+            r#"standard input, line 3, column y: "x"; it must be a finite number above 0 and at most 100000"#,
+        ),
+        (
+            "-1",
+            r#"standard input, line 3, column y: "-1"; it must be a finite number above 0 and at most 100000"#,
+        ),
+        (
+            "",
+            r#"standard input, line 3, column y: ""; it must be a finite number above 0 and at most 100000"#,
+        ),
+        (
+            "inf",
+            r#"standard input, line 3, column y: "inf"; it must be a finite number above 0 and at most 100000"#,
+        ),
         ("1,1", "standard input, line 3: 5 cells where the header has 4"),
     ];
     for (cell, message) in rows {
@@ -86,6 +98,41 @@ fn a_bad_row_says_where_and_what_and_leaves_the_output_alone() {
         assert_eq!(error, format!("sim-host: {message}\n"));
         assert_eq!(std::fs::read_to_string(&out).unwrap(), "precious");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+}
+
+#[test]
+fn what_no_leg_does_is_refused_with_the_limit() {
+    let usual = [
+        ("m", "80"),
+        ("k", "2e4"),
+        ("g", "9.81"),
+        ("rho", "0"),
+        ("vx", "1"),
+        ("y", "2"),
+        ("alpha", "1.5"),
+        ("rs", "0"),
+    ];
+    for (column, bad, limit) in [
+        ("m", "0", "above 0 and at most 1000000"),
+        ("m", "1.1e6", "above 0 and at most 1000000"),
+        ("k", "1e300", "above 0 and at most 1000000000"),
+        ("g", "1e300", "from 0 to 1000"),
+        ("rho", "1e300", "from 0 to 100"),
+        ("vx", "-1e308", "from -1000 to 1000"),
+        ("y", "1e6", "above 0 and at most 100000"),
+        ("alpha", "-6.3", "from -2 pi to 2 pi"),
+        ("alpha", "NaN", "from -2 pi to 2 pi"),
+        ("rs", "inf", "from 0 to 1000"),
+    ] {
+        let header = usual.map(|(name, _)| name).join(",");
+        let row = usual.map(|(name, value)| if name == column { bad } else { value }).join(",");
+        let output = apex(&[], &format!("{header}\n{row}\n"));
+        assert_eq!(output.status.code(), Some(2));
+        let error = String::from_utf8(output.stderr).unwrap();
+        let message =
+            format!("line 2, column {column}: {bad:?}; it must be a finite number {limit}\n");
+        assert!(error.ends_with(&message), "{error}");
     }
 }
 

@@ -13,6 +13,8 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use super::domain::{Domain, still_named};
+use crate::leg::LegModel;
+use crate::policy::CRC;
 use crate::wire::WIRE_VERSION;
 
 /// The two parts in a domain.
@@ -52,25 +54,78 @@ impl fmt::Display for Role {
     }
 }
 
-/// What both sides must agree on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// What one side says of itself to the other. They must agree on all of it but
+/// the leg: a policy may well be tried on a leg that it was not trained for.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Terms {
     /// Version of the messages.
     pub wire_version: u16,
     /// Ticks a second.
     pub rate_hz: u32,
+    /// Gravity where the leg is, m/s2.
+    pub gravity_m_s2: f32,
+    /// The leg that is played, or that the policy was trained for, as
+    /// [`leg_fingerprint`] has it; `None` is no word about it.
+    pub leg: Option<u32>,
 }
 
 impl Terms {
-    /// This build's messages, at `rate_hz`.
+    /// This build's messages, at `rate_hz`, under the gravity of Earth; no word
+    /// about the leg.
     #[must_use]
     pub fn at(rate_hz: u32) -> Self {
-        Self { wire_version: WIRE_VERSION, rate_hz }
+        Self { wire_version: WIRE_VERSION, rate_hz, gravity_m_s2: 9.81, leg: None }
+    }
+
+    /// The same under another gravity, m/s2.
+    #[must_use]
+    pub fn with_gravity(self, gravity_m_s2: f32) -> Self {
+        Self { gravity_m_s2, ..self }
+    }
+
+    /// The same for a leg.
+    #[must_use]
+    pub fn with_leg(self, leg: &LegModel) -> Self {
+        Self { leg: Some(leg_fingerprint(leg)), ..self }
     }
 }
 
+/// Tells legs apart: the CRC-32 of the bits of every parameter, in the order of
+/// their declaration.
+#[must_use]
+pub fn leg_fingerprint(leg: &LegModel) -> u32 {
+    let LegModel {
+        mass_kg,
+        added_mass_kg,
+        stiffness_n_m,
+        volume_m3,
+        rest_length_m,
+        max_elongation_m,
+        area_x_m2,
+        area_y_m2,
+        drag_x,
+        drag_y,
+    } = *leg;
+    let mut digest = CRC.digest();
+    for parameter in [
+        mass_kg,
+        added_mass_kg,
+        stiffness_n_m,
+        volume_m3,
+        rest_length_m,
+        max_elongation_m,
+        area_x_m2,
+        area_y_m2,
+        drag_x,
+        drag_y,
+    ] {
+        digest.update(&parameter.to_bits().to_le_bytes());
+    }
+    digest.finalize()
+}
+
 /// What stands on a card.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Card {
     pub(super) pid: u32,
     pub(super) terms: Terms,
@@ -80,8 +135,13 @@ pub(super) struct Card {
 
 impl Card {
     fn text(self) -> String {
-        let Terms { wire_version, rate_hz } = self.terms;
-        format!("pid {}\nwire {wire_version}\nrate_hz {rate_hz}\n", self.pid)
+        let Terms { wire_version, rate_hz, gravity_m_s2, leg } = self.terms;
+        let leg = leg.map_or_else(String::new, |leg| format!("leg {leg:08x}\n"));
+        // A float has the digits it takes to read the same bits back.
+        format!(
+            "pid {}\nwire {wire_version}\nrate_hz {rate_hz}\n{leg}gravity_m_s2 {gravity_m_s2}\n",
+            self.pid
+        )
     }
 
     /// `None` while it is being written, or when it is of a kind unknown here.
@@ -96,6 +156,8 @@ impl Card {
             terms: Terms {
                 wire_version: field("wire")?.parse().ok()?,
                 rate_hz: field("rate_hz")?.parse().ok()?,
+                gravity_m_s2: field("gravity_m_s2")?.parse().ok()?,
+                leg: field("leg").and_then(|leg| u32::from_str_radix(leg, 16).ok()),
             },
             met: field("met").and_then(|pid| pid.parse().ok()),
         })
@@ -103,7 +165,7 @@ impl Card {
 }
 
 /// What the card of a role says about it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Presence {
     /// Nobody plays it.
     Absent,
@@ -215,8 +277,9 @@ mod tests {
         let look = || presence(&domain, Role::Leg).unwrap();
         assert_eq!(look(), Presence::Absent);
 
-        let mut held = take(&domain, Role::Leg, Terms::at(1000)).unwrap();
-        let card = Card { pid: std::process::id(), terms: Terms::at(1000), met: None };
+        let terms = Terms::at(1000).with_gravity(0.1 + 0.2).with_leg(&LegModel::HUMAN);
+        let mut held = take(&domain, Role::Leg, terms).unwrap();
+        let card = Card { pid: std::process::id(), terms, met: None };
         assert_eq!(look(), Presence::Alive(Some(card)));
         held.meet(77).unwrap();
         assert_eq!(look(), Presence::Alive(Some(Card { met: Some(77), ..card })));
@@ -239,8 +302,34 @@ mod tests {
         assert_eq!(Card::parse(""), None);
         assert_eq!(Card::parse("pid 12\nwire 1\n"), None);
         assert_eq!(Card::parse("pid 12\nwire 1\nrate_hz 10"), None, "it may become 1000");
-        let card = Card::parse("pid 12\nwire 1\nrate_hz 1000\nmet 3").unwrap();
+        assert_eq!(Card::parse("pid 12\nwire 1\nrate_hz 1000\ngravity_m_s2 1"), None);
+        let text = "pid 12\nwire 1\nrate_hz 1000\ngravity_m_s2 1.62\n";
+        let card = Card::parse(&format!("{text}met 3")).unwrap();
         assert_eq!(card.met, None, "it may become 34");
-        assert_eq!(Card::parse("pid x\nwire 1\nrate_hz 1000\n"), None);
+        assert_eq!(card.terms, Terms::at(1000).with_gravity(1.62));
+        assert_eq!(Card::parse(&text.replace("12", "x")), None);
+    }
+
+    #[test]
+    fn every_parameter_of_a_leg_tells() {
+        type Change = fn(&mut LegModel);
+        let human = leg_fingerprint(&LegModel::HUMAN);
+        let changes: [Change; 10] = [
+            |leg| leg.mass_kg = 3.0,
+            |leg| leg.added_mass_kg = 3.0,
+            |leg| leg.stiffness_n_m = 3.0,
+            |leg| leg.volume_m3 = 3.0,
+            |leg| leg.rest_length_m = 3.0,
+            |leg| leg.max_elongation_m = 3.0,
+            |leg| leg.area_x_m2 = 3.0,
+            |leg| leg.area_y_m2 = 3.0,
+            |leg| leg.drag_x = 3.0,
+            |leg| leg.drag_y = 3.0,
+        ];
+        for (i, change) in changes.into_iter().enumerate() {
+            let mut leg = LegModel::HUMAN;
+            change(&mut leg);
+            assert_ne!(leg_fingerprint(&leg), human, "parameter {i}");
+        }
     }
 }

@@ -10,12 +10,14 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use super::blob::{BlobError, PolicyBlob};
+use super::card::leg_fingerprint;
 use super::domain::{DEFAULT_DOMAIN, Domain, DomainError};
 use super::serve::{ServeError, serve};
 use super::shm::{ConnectError, ShmController};
 use super::{Role, Stop, Terms};
 use crate::control::{Config, ConfigError, Controller};
 use crate::guard::Counts;
+use crate::policy::Manifest;
 
 /// Longest patience that `--timeout` accepts, s.
 const MAX_TIMEOUT_S: f64 = 86_400.0;
@@ -29,10 +31,11 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     pub policy: Option<PathBuf>,
     /// Ticks a second; the simulator's must be the same.
-    #[arg(long, value_name = "HZ", default_value_t = 1000)]
+    #[arg(long, value_name = "HZ", default_value_t = 1000, allow_negative_numbers = true)]
     pub rate: u32,
-    /// Gravity where the leg is, m/s2 (the density estimate needs it).
-    #[arg(long, value_name = "M_S2", default_value_t = 9.81)]
+    /// Gravity where the leg is, m/s2; the simulator's must be the same (the
+    /// density estimate needs it).
+    #[arg(long, value_name = "M_S2", default_value_t = 9.81, allow_negative_numbers = true)]
     pub gravity: f32,
     /// Where to find the simulator.
     #[command(flatten)]
@@ -46,7 +49,7 @@ pub struct Meeting {
     #[arg(long, value_name = "NAME")]
     pub domain: Option<String>,
     /// How long to wait for a missing or silent peer, s.
-    #[arg(long, value_name = "S", default_value = "10", value_parser = parse_timeout)]
+    #[arg(long, value_name = "S", default_value = "10", value_parser = parse_timeout, allow_negative_numbers = true)]
     pub timeout: Duration,
 }
 
@@ -136,6 +139,20 @@ impl fmt::Display for Summary {
     }
 }
 
+/// What to warn of when a policy was trained for another leg than the one that
+/// is `played`, by its [`leg_fingerprint`].
+#[must_use]
+pub fn other_leg(policy: &Manifest<'_>, played: Option<u32>) -> Option<String> {
+    let Manifest { name, leg, .. } = policy;
+    played.filter(|played| *played != leg_fingerprint(leg)).map(|_| {
+        format!(
+            "warning: the policy {name} was trained for another leg ({} kg, {} N/m, {} m) than \
+             the simulator plays; it runs all the same, --policy chooses another",
+            leg.mass_kg, leg.stiffness_n_m, leg.rest_length_m
+        )
+    })
+}
+
 /// Runs the controller until the simulator's run is over.
 ///
 /// # Errors
@@ -150,7 +167,8 @@ pub fn run(args: &Args) -> Result<Summary, CliError> {
     let stop = Stop::on_signals().map_err(CliError::Signals)?;
     let timeout = args.meeting.timeout;
     let domain = Domain::join(args.meeting.domain())?;
-    let terms = Terms::at(args.rate);
+    let leg = controller.policy().manifest().leg;
+    let terms = Terms::at(args.rate).with_gravity(args.gravity).with_leg(&leg);
     let mut said = false;
     let mut link = ShmController::connect_watching(&domain, terms, timeout, &stop, |missing| {
         if !said && missing.waited >= SAY_AFTER {
@@ -159,6 +177,9 @@ pub fn run(args: &Args) -> Result<Summary, CliError> {
         }
         true
     })?;
+    if let Some(warning) = other_leg(controller.policy().manifest(), link.peer_leg()) {
+        eprintln!("{}: {warning}", Role::Controller);
+    }
 
     let mut apexes = 0;
     let ticks = serve(&mut link, timeout, |sample| {

@@ -24,7 +24,7 @@ use iceoryx2::prelude::{
     ipc, set_log_level_from_env_or,
 };
 
-use super::card::{self, Card, Held, Presence, Refusal, Terms};
+use super::card::{self, Card, Held, Presence, Refusal, Role, Terms};
 use super::domain::Domain;
 use super::link::{Link, LinkError};
 use super::payload::Message;
@@ -45,6 +45,7 @@ const LINGER: Duration = Duration::from_millis(100);
 #[derive(Clone, Copy, Debug, Default)]
 struct Peer {
     pid: u32,
+    leg: Option<u32>,
     publisher: Option<UniquePublisherId>,
 }
 
@@ -171,7 +172,7 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
         loop {
             if let Some(card) = Self::agree(&self.domain, self.terms)? {
                 if self.peer.pid != card.pid {
-                    self.meet(card.pid)?;
+                    self.meet(&card)?;
                 }
                 // Both ways, so that neither begins with a peer that is not there yet.
                 if self.peer.pid == card.pid && card.met == Some(std::process::id()) {
@@ -187,6 +188,7 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
                 domain: self.domain.name().to_owned(),
                 waited,
                 rate_hz: self.terms.rate_hz,
+                gravity_m_s2: self.terms.gravity_m_s2,
             };
             if waited >= timeout || !watch(&missing) {
                 return Err(ConnectError::PeerMissing(missing));
@@ -195,15 +197,15 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
         }
     }
 
-    /// Gets ready to hear the process `pid`, if it has its ports, and says so.
-    fn meet(&mut self, pid: u32) -> Result<(), ConnectError> {
+    /// Gets ready to hear the process with this card, if it has its ports, and says so.
+    fn meet(&mut self, &Card { pid, terms, .. }: &Card) -> Result<(), ConnectError> {
         // A publisher is mapped only by a look at its queue. Look now: what a peer sends
         // before it is mapped is lost if it leaves before the first receive.
         if let Some(peer) = self.ports_of(pid)
             && self.subscriber.has_samples().is_ok()
         {
             self.role.meet(pid).map_err(|e| failed(&self.domain, "write the role's card", &e))?;
-            self.peer = peer;
+            self.peer = Peer { leg: terms.leg, ..peer };
         }
         Ok(())
     }
@@ -215,20 +217,11 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
         let Presence::Alive(Some(card)) = seen else {
             return Ok(None);
         };
-        let theirs = card.terms;
-        if theirs == ours {
-            return Ok(Some(card));
+        let refusal = disagreement(In::SENDER, card.terms, ours);
+        if refusal.is_some() {
+            std::thread::sleep(LINGER);
         }
-        std::thread::sleep(LINGER);
-        Err(if theirs.wire_version == ours.wire_version {
-            ConnectError::Rate { peer: In::SENDER, theirs: theirs.rate_hz, ours: ours.rate_hz }
-        } else {
-            ConnectError::WireVersion {
-                peer: In::SENDER,
-                theirs: theirs.wire_version,
-                ours: ours.wire_version,
-            }
-        })
+        refusal.map_or(Ok(Some(card)), Err)
     }
 
     /// The peer, once both its ports are there. (A killed predecessor's may be, too.)
@@ -248,13 +241,21 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
             }
             CallbackProgression::Continue
         });
-        (reads && publisher.is_some()).then_some(Peer { pid, publisher })
+        (reads && publisher.is_some()).then_some(Peer { pid, leg: None, publisher })
     }
 
     /// The peer's process.
     #[must_use]
     pub fn peer_pid(&self) -> u32 {
         self.peer.pid
+    }
+
+    /// The leg that the peer plays, or has a policy for, as
+    /// [`leg_fingerprint`](super::card::leg_fingerprint) has it; `None` when it
+    /// does not say.
+    #[must_use]
+    pub fn peer_leg(&self) -> Option<u32> {
+        self.peer.leg
     }
 
     /// Off the control path: whether the peer this end is connected to is still there.
@@ -323,6 +324,22 @@ impl<Out: Message, In: Message> Link for ShmLink<Out, In> {
                 verdict => verdict,
             },
         )
+    }
+}
+
+/// The first point on which the two sides differ.
+fn disagreement(peer: Role, theirs: Terms, ours: Terms) -> Option<ConnectError> {
+    if theirs.wire_version != ours.wire_version {
+        let (theirs, ours) = (theirs.wire_version, ours.wire_version);
+        Some(ConnectError::WireVersion { peer, theirs, ours })
+    } else if theirs.rate_hz != ours.rate_hz {
+        let (theirs, ours) = (theirs.rate_hz, ours.rate_hz);
+        Some(ConnectError::Rate { peer, theirs, ours })
+    } else if theirs.gravity_m_s2.to_bits() != ours.gravity_m_s2.to_bits() {
+        let (theirs, ours) = (theirs.gravity_m_s2, ours.gravity_m_s2);
+        Some(ConnectError::Gravity { peer, theirs, ours })
+    } else {
+        None
     }
 }
 

@@ -1,5 +1,7 @@
 //! `sim-host apex`: the apex map over a table of cases.
 
+use std::f64::consts::TAU;
+use std::fmt;
 use std::fs::File;
 use std::io::{self, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
@@ -14,14 +16,14 @@ use super::Misuse;
 
 const COLUMNS: &str = "\
 Input columns, in any order, found by their names in the first line:
-  vx     horizontal velocity at the apex, m/s (required)
-  y      height at the apex, m, above 0 (required)
-  alpha  touchdown angle from the +x axis, rad (required)
-  rs     elongation speed, m/s, 0 or more (required)
-  m      dry mass, kg (80)
-  k      spring stiffness, N/m (20000)
-  g      gravity, m/s2 (9.81)
-  rho    density ratio: 1 water, 0 air (0)
+  vx     horizontal velocity at the apex, m/s, from -1000 to 1000 (required)
+  y      height at the apex, m, above 0 and at most 100000 (required)
+  alpha  touchdown angle from the +x axis, rad, from -2 pi to 2 pi (required)
+  rs     elongation speed, m/s, from 0 to 1000 (required)
+  m      dry mass, kg, above 0 and at most 1e6 (80)
+  k      spring stiffness, N/m, above 0 and at most 1e9 (20000)
+  g      gravity, m/s2, from 0 to 1000 (9.81)
+  rho    density ratio: 1 water, 0 air; from 0 to 100 (0)
 Others are ignored.
 
 Output columns: m, k, g, rho, vx, y, alpha, rs, then
@@ -50,37 +52,57 @@ pub(super) struct Args {
 struct Column {
     name: &'static str,
     default: Option<f64>,
-    allowed: &'static str,
-    allows: fn(f64) -> bool,
+    allowed: Allowed,
 }
 
-const POSITIVE: &str = "a number above 0";
-const NOT_NEGATIVE: &str = "a number, 0 or more";
-const FINITE: &str = "a number";
+/// A range of numbers, its ends included; wide of all that hops.
+#[derive(Clone, Copy)]
+enum Allowed {
+    /// But not 0.
+    AboveZeroTo(f64),
+    ZeroTo(f64),
+    /// From the negative of it.
+    UpTo(f64),
+    /// A whole turn either way.
+    Angle,
+}
+
+impl Allowed {
+    fn contains(self, value: f64) -> bool {
+        match self {
+            Self::AboveZeroTo(high) => value > 0.0 && value <= high,
+            Self::ZeroTo(high) => (0.0..=high).contains(&value),
+            Self::UpTo(high) => value.abs() <= high,
+            Self::Angle => value.abs() <= TAU,
+        }
+    }
+}
+
+impl fmt::Display for Allowed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::AboveZeroTo(high) => write!(f, "a finite number above 0 and at most {high}"),
+            Self::ZeroTo(high) => write!(f, "a finite number from 0 to {high}"),
+            Self::UpTo(high) => write!(f, "a finite number from -{high} to {high}"),
+            Self::Angle => f.write_str("a finite number from -2 pi to 2 pi"),
+        }
+    }
+}
 
 /// The input columns in the order of the output.
 fn columns() -> [Column; 8] {
     let leg = *Leg::human().parameters();
     let medium = Medium::default();
-    let column = |name, default, allowed| Column {
-        name,
-        default,
-        allowed,
-        allows: match allowed {
-            POSITIVE => |x| x > 0.0,
-            NOT_NEGATIVE => |x| x >= 0.0,
-            _ => |_| true,
-        },
-    };
+    let column = |name, default, allowed| Column { name, default, allowed };
     [
-        column("m", Some(leg.mass_kg), POSITIVE),
-        column("k", Some(leg.stiffness_n_m), POSITIVE),
-        column("g", Some(medium.gravity_m_s2()), NOT_NEGATIVE),
-        column("rho", Some(medium.density_ratio()), NOT_NEGATIVE),
-        column("vx", None, FINITE),
-        column("y", None, POSITIVE),
-        column("alpha", None, FINITE),
-        column("rs", None, NOT_NEGATIVE),
+        column("m", Some(leg.mass_kg), Allowed::AboveZeroTo(1e6)),
+        column("k", Some(leg.stiffness_n_m), Allowed::AboveZeroTo(1e9)),
+        column("g", Some(medium.gravity_m_s2()), Allowed::ZeroTo(1000.0)),
+        column("rho", Some(medium.density_ratio()), Allowed::ZeroTo(100.0)),
+        column("vx", None, Allowed::UpTo(1000.0)),
+        column("y", None, Allowed::AboveZeroTo(1e5)),
+        column("alpha", None, Allowed::Angle),
+        column("rs", None, Allowed::ZeroTo(1000.0)),
     ]
 }
 
@@ -188,7 +210,7 @@ fn places(
 impl Column {
     fn parse(&self, text: &str, name: &str, line: u64) -> Result<f64, Misuse> {
         match text.parse::<f64>() {
-            Ok(value) if value.is_finite() && (self.allows)(value) => Ok(value),
+            Ok(value) if self.allowed.contains(value) => Ok(value),
             _ => Err(Misuse(format!(
                 "{name}, line {line}, column {}: {text:?}; it must be {}",
                 self.name, self.allowed

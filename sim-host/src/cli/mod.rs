@@ -9,9 +9,11 @@ mod run;
 mod shore;
 
 use std::fmt;
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use controller::host::blob::PolicyBlob;
 
 /// Plays the leg to a controller. Without a command: the shore, the leg's way
 /// out of the sea onto land.
@@ -65,4 +67,12 @@ impl std::error::Error for Misuse {}
 /// What is said as an error that the caller can put right.
 fn misuse(error: impl fmt::Display) -> anyhow::Error {
     Misuse(error.to_string()).into()
+}
+
+/// The policy to run, checked. A controller process checks it too; first here,
+/// so that what is wrong with it is said once, by the program that was called.
+fn checked_policy(path: Option<&Path>) -> anyhow::Result<PolicyBlob> {
+    let blob = PolicyBlob::load(path).map_err(misuse)?;
+    blob.policy().map_err(misuse)?;
+    Ok(blob)
 }

@@ -4,14 +4,14 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use controller::control::{Config, Controller};
-use controller::host::blob::PolicyBlob;
-use controller::host::cli::{Meeting as MeetingArgs, SAY_AFTER};
+use controller::host::card::leg_fingerprint;
+use controller::host::cli::{Meeting as MeetingArgs, SAY_AFTER, other_leg};
 use controller::host::domain::DomainError;
 use controller::host::memory::Inline;
 use controller::host::shm::ConnectError;
 use controller::host::{Role, Stop};
 
-use super::misuse;
+use super::{checked_policy, misuse};
 use crate::scenario::{self, Scenario, Settings};
 use crate::session::child::ControllerCall;
 use crate::session::lock_step::{self, Ending, Options, Outcome};
@@ -60,6 +60,14 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     } else {
         print_summary(&outcome);
     }
+    if outcome.all_safe() {
+        eprintln!(
+            "sim-host: warning: the controller never left its safe state: of {} ticks all were \
+             under its safe command, {} samples were rejected; an action needs samples within \
+             the guard's limits and an apex from which the leg falls",
+            outcome.ticks, outcome.rejected
+        );
+    }
     if outcome.ending == Ending::Fall {
         eprintln!("sim-host: the leg fell at x = {:.2} m", outcome.body.x_m);
         return Ok(ExitCode::from(1));
@@ -68,10 +76,14 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
 }
 
 fn in_process(scenario: &Scenario, policy: Option<&Path>) -> anyhow::Result<Outcome> {
-    let blob = PolicyBlob::load(policy).map_err(misuse)?;
+    let blob = checked_policy(policy)?;
     let policy = blob.policy().map_err(misuse)?;
+    let leg = leg_fingerprint(&scenario.leg_model());
+    if let Some(warning) = other_leg(policy.manifest(), Some(leg)) {
+        eprintln!("sim-host: {warning}");
+    }
     let config = Config::at_rate(scenario.rate_hz)
-        .and_then(|config| config.with_gravity(scenario.gravity_m_s2 as f32))
+        .and_then(|config| config.with_gravity(scenario.controller_gravity_m_s2()))
         .map_err(misuse)?;
     let mut controller = Controller::new(policy, config);
     let mut link = Inline::new(|sample| controller.tick(Some(sample)));
@@ -85,11 +97,14 @@ fn over_shared_memory(scenario: &Scenario, args: &Args) -> anyhow::Result<Outcom
     } else {
         args.meeting.domain().to_owned()
     };
+    if args.spawn {
+        checked_policy(args.policy.as_deref())?;
+    }
     let timeout = args.meeting.timeout;
     let start = args.spawn.then(|| ControllerCall {
         policy: args.policy.clone(),
         rate_hz: scenario.rate_hz,
-        gravity_m_s2: scenario.gravity_m_s2,
+        gravity_m_s2: scenario.controller_gravity_m_s2(),
         domain: domain.clone(),
         timeout,
     });
@@ -122,8 +137,8 @@ fn print_summary(outcome: &Outcome) {
         report.sim_time_s, report.ticks, report.distance_m
     );
     println!(
-        "hops {}, apexes {}, falls {}, ticks in the safe state {}",
-        report.hops, report.apexes, report.falls, report.safe_ticks
+        "hops {}, apexes {}, falls {}, ticks in the safe state {}, samples rejected {}",
+        report.hops, report.apexes, report.falls, report.safe_ticks, report.rejected
     );
     let us = report.round_trip_us;
     println!(

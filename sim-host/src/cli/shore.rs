@@ -1,17 +1,16 @@
 //! `sim-host` alone: the main job.
 
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::Context;
 use controller::host::Stop;
-use controller::host::blob::PolicyBlob;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::misuse;
-use crate::output;
+use super::checked_policy;
+use crate::output::Pending;
 use crate::scenario::Scenario;
 use crate::session::TickRecord;
 use crate::session::child::ControllerCall;
@@ -39,7 +38,10 @@ pub(super) struct Args {
 }
 
 pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
-    let name = policy_name(args.policy.as_deref())?;
+    let policy = checked_policy(args.policy.as_deref())?;
+    let name = policy.policy()?.manifest().name.to_owned();
+    // Now, so that a folder that cannot be written to does not cost a run.
+    let (picture, path) = begin_picture(&args.out)?;
     let scenario = Scenario::shore();
     let mut journal = (!args.json).then(|| Journal::begin(&name, &scenario));
     let mut recorder = Recorder::default();
@@ -62,11 +64,11 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     }
 
     let report = recorder.report(&outcome, scenario.density.at(outcome.body.x_m));
-    let file = draw(&args.out, &recorder, &scenario)?;
+    draw(picture, &recorder, &scenario).with_context(|| cannot_write(&path))?;
     if args.json {
         println!("{}", serde_json::to_string(&report)?);
     } else {
-        println!("\n{report}\n  picture: {}", file.display());
+        println!("\n{report}\n  picture: {}", path.display());
     }
     if report.falls > 0 {
         eprintln!("sim-host: the leg fell at x = {:.2} m", outcome.body.x_m);
@@ -75,37 +77,41 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Checked here first: what is wrong with a policy is then said once, by the
-/// process that was called.
-fn policy_name(path: Option<&Path>) -> anyhow::Result<String> {
-    let blob = PolicyBlob::load(path).map_err(misuse)?;
-    let policy = blob.policy().map_err(misuse)?;
-    Ok(policy.manifest().name.to_owned())
-}
-
 fn meeting(args: &Args, scenario: &Scenario) -> Meeting {
     // A domain of its own: two runs at once never meet.
     let domain = format!("shore-{}", std::process::id());
     let call = ControllerCall {
         policy: args.policy.clone(),
         rate_hz: scenario.rate_hz,
-        gravity_m_s2: scenario.gravity_m_s2,
+        gravity_m_s2: scenario.controller_gravity_m_s2(),
         domain: domain.clone(),
         timeout: TIMEOUT,
     };
     Meeting { domain, timeout: TIMEOUT, start: Some(call) }
 }
 
-fn draw(folder: &Path, recorder: &Recorder, scenario: &Scenario) -> anyhow::Result<PathBuf> {
+/// The picture's file, begun, and its path.
+fn begin_picture(folder: &Path) -> anyhow::Result<(Pending, PathBuf)> {
+    let path = folder.join("shore.svg");
+    if path.exists() && !path.is_file() {
+        anyhow::bail!("{}: it is there and is not a file", cannot_write(&path));
+    }
+    let pending = std::fs::create_dir_all(folder)
+        .and_then(|()| Pending::create(&path))
+        .with_context(|| cannot_write(&path))?;
+    Ok((pending, path))
+}
+
+fn cannot_write(path: &Path) -> String {
+    format!("cannot write {}; --out chooses another folder", path.display())
+}
+
+fn draw(mut file: Pending, recorder: &Recorder, scenario: &Scenario) -> anyhow::Result<()> {
     let svg = picture::draw(recorder.track(), |x_m| scenario.density.at(x_m))
         .map_err(|cause| anyhow::anyhow!("cannot draw the picture: {cause}"))?;
-    let file = folder.join("shore.svg");
-    std::fs::create_dir_all(folder)
-        .and_then(|()| output::replace(&file, svg.as_bytes()))
-        .with_context(|| {
-            format!("cannot write {}; --out chooses another folder", file.display())
-        })?;
-    Ok(file)
+    file.write_all(svg.as_bytes())?;
+    file.finish()?;
+    Ok(())
 }
 
 /// The run as it goes: a bar on a terminal, a line every few metres anywhere.

@@ -13,6 +13,8 @@ use std::path::{Path, PathBuf};
 
 use controller::control::RATE_HZ;
 use controller::guard::Limits;
+use controller::host::Terms;
+use controller::leg::LegModel;
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::{Rng, SeedableRng};
 
@@ -71,6 +73,38 @@ impl Scenario {
     #[must_use]
     pub fn ticks(&self) -> u64 {
         (self.duration_s * f64::from(self.rate_hz)).ceil() as u64
+    }
+
+    /// Gravity as the controller knows it, m/s2.
+    #[must_use]
+    pub fn controller_gravity_m_s2(&self) -> f32 {
+        self.gravity_m_s2 as f32
+    }
+
+    /// The leg, as a policy states the one that it was trained for.
+    #[must_use]
+    pub fn leg_model(&self) -> LegModel {
+        let p = self.leg.parameters();
+        LegModel {
+            mass_kg: p.mass_kg as f32,
+            added_mass_kg: p.added_mass_kg as f32,
+            stiffness_n_m: p.stiffness_n_m as f32,
+            volume_m3: p.volume_m3 as f32,
+            rest_length_m: p.rest_length_m as f32,
+            max_elongation_m: p.max_elongation_m as f32,
+            area_x_m2: p.area_x_m2 as f32,
+            area_y_m2: p.area_y_m2 as f32,
+            drag_x: p.drag_x as f32,
+            drag_y: p.drag_y as f32,
+        }
+    }
+
+    /// What to tell a controller in another process, before the first message.
+    #[must_use]
+    pub fn terms(&self) -> Terms {
+        Terms::at(self.rate_hz)
+            .with_gravity(self.controller_gravity_m_s2())
+            .with_leg(&self.leg_model())
     }
 
     /// The medium at a place.
@@ -254,6 +288,17 @@ fn start(s: &StartSettings, seed: u64, leg: &Leg, guard: &Limits) -> Result<Body
     let vx_m_s = within("start.vx_m_s", s.vx_m_s.unwrap_or(0.0), [-speed, speed])?;
     let y_m = s.y_m.unwrap_or(usual_y_m);
     above_zero("start.y_m", y_m, top)?;
+    let spread = [
+        ("start.vx_m_s", vx_m_s, "start.vx_spread_m_s", vx_spread_m_s, speed),
+        ("start.y_m", y_m, "start.y_spread_m", y_spread_m, top),
+    ];
+    for (key, value, spread_key, spread, limit) in spread {
+        if value.abs() + spread > limit {
+            let value = format!("{value} with {spread_key} {spread}");
+            let limit = format!("together they must be at most {limit}");
+            return Err(BadValue::new(key, value, limit));
+        }
+    }
     let mut rng = Pcg64Mcg::seed_from_u64(seed);
     let mut unit = || (rng.next_u64() >> 11) as f64 * (1.0 / (1_u64 << 53) as f64);
     Ok(Body {

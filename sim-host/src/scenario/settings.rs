@@ -2,6 +2,7 @@
 //! optional; the flags win. [`super::Scenario`] is what has been checked.
 
 use clap::ValueEnum;
+use serde::de::{Deserializer, Error};
 use serde::{Deserialize, Serialize};
 
 use super::profile::SetPointStep;
@@ -47,16 +48,16 @@ pub enum DensitySense {
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
     /// Ticks a second; the controller's must be the same [default: 1000].
-    #[arg(long = "rate", value_name = "HZ")]
+    #[arg(long = "rate", value_name = "HZ", allow_negative_numbers = true)]
     pub rate_hz: Option<u32>,
     /// Simulated time after which the run ends, s [default: 60].
-    #[arg(long = "duration", value_name = "S")]
+    #[arg(long = "duration", value_name = "S", allow_negative_numbers = true)]
     pub duration_s: Option<f64>,
     /// Distance from the start at which the run ends, m [default: none].
-    #[arg(long = "distance", value_name = "M")]
+    #[arg(long = "distance", value_name = "M", allow_negative_numbers = true)]
     pub distance_m: Option<f64>,
     /// Seed of what is random: the start, within its spreads [default: 0].
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub seed: Option<u64>,
 
     /// Leg by name [default: human].
@@ -70,13 +71,14 @@ pub struct Settings {
     #[arg(long, value_name = "NAME")]
     pub medium: Option<MediumPreset>,
     /// Density of the medium over that of water, instead of the named medium's.
-    #[arg(long, value_name = "RATIO")]
+    #[arg(long, value_name = "RATIO", allow_negative_numbers = true)]
     pub density_ratio: Option<f64>,
     /// Density ratio along the way, as x:ratio,x:ratio,… in m; linear in between.
     #[arg(long, value_name = "PROFILE", value_parser = parse_profile)]
+    #[serde(deserialize_with = "points")]
     pub density_profile: Option<Points>,
     /// Gravity, instead of the named medium's, m/s2.
-    #[arg(long = "gravity", value_name = "M_S2")]
+    #[arg(long = "gravity", value_name = "M_S2", allow_negative_numbers = true)]
     pub gravity_m_s2: Option<f64>,
     /// Whether the controller is told the density or estimates it [default: estimated].
     #[arg(long, value_name = "HOW")]
@@ -102,7 +104,7 @@ pub struct StartSettings {
     #[arg(long = "start-x", value_name = "M", allow_negative_numbers = true)]
     pub x_m: Option<f64>,
     /// Height at the start, m [default: twice the leg's rest length].
-    #[arg(long = "start-y", value_name = "M")]
+    #[arg(long = "start-y", value_name = "M", allow_negative_numbers = true)]
     pub y_m: Option<f64>,
     /// Horizontal velocity at the start, m/s [default: 0].
     #[arg(long = "start-vx", value_name = "M_S", allow_negative_numbers = true)]
@@ -111,10 +113,10 @@ pub struct StartSettings {
     #[arg(long = "start-vy", value_name = "M_S", allow_negative_numbers = true)]
     pub vy_m_s: Option<f64>,
     /// The seed moves the horizontal velocity by up to this much, m/s [default: 0].
-    #[arg(long = "start-vx-spread", value_name = "M_S")]
+    #[arg(long = "start-vx-spread", value_name = "M_S", allow_negative_numbers = true)]
     pub vx_spread_m_s: Option<f64>,
     /// The seed raises the height by up to this much, m [default: 0].
-    #[arg(long = "start-y-spread", value_name = "M")]
+    #[arg(long = "start-y-spread", value_name = "M", allow_negative_numbers = true)]
     pub y_spread_m: Option<f64>,
 }
 
@@ -123,6 +125,16 @@ pub struct StartSettings {
 pub type Points = Vec<[f64; 2]>;
 /// Changes of the set-point.
 pub type Steps = Vec<SetPointStep>;
+
+/// Reads points, each of exactly two numbers: TOML would drop a third.
+fn points<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Points>, D::Error> {
+    let point = |numbers: Vec<f64>| {
+        numbers.try_into().map_err(|numbers| {
+            D::Error::custom(format!("{numbers:?}: a point must be two numbers, [x, value]"))
+        })
+    };
+    Vec::deserialize(deserializer)?.into_iter().map(point).collect::<Result<_, _>>().map(Some)
+}
 
 fn parse_pair(text: &str) -> Result<(&str, f64), String> {
     let (left, right) = text.split_once(':').ok_or(format!("`{text}` has no `:`"))?;
@@ -171,6 +183,22 @@ mod tests {
         }
         for bad in ["", "30:1", "y3:1", "x:1", "t1:z"] {
             assert!(parse_steps(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_point_has_exactly_two_numbers() {
+        let read = toml::from_str::<Settings>("density_profile = [[15, 1], [30.0, 0.0]]").unwrap();
+        assert_eq!(read.density_profile, Some(vec![[15.0, 1.0], [30.0, 0.0]]));
+        for (bad, point) in [
+            ("[[1.0, 2.0, 3.0]]", "[1.0, 2.0, 3.0]"),
+            ("[[0.0, 1.0], [7.5]]", "[7.5]"),
+            ("[[]]", "[]"),
+        ] {
+            let refused = toml::from_str::<Settings>(&format!("density_profile = {bad}"));
+            let message = refused.unwrap_err().to_string();
+            let what = format!("{point}: a point must be two numbers");
+            assert!(message.contains(&what) && message.contains("density_profile"), "{message}");
         }
     }
 

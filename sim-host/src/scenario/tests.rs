@@ -45,6 +45,14 @@ fn every_value_that_cannot_be_is_named_with_its_limit() {
         ),
         ("[start]\ny_m = 0.0", ["start.y_m", "0", "above 0"]),
         ("[start]\nvx_m_s = 51.0", ["start.vx_m_s", "51", "50"]),
+        (
+            "[start]\ny_m = 99.0\ny_spread_m = 1.5",
+            ["start.y_m: 99", "start.y_spread_m 1.5", "at most 100"],
+        ),
+        (
+            "[start]\nvx_m_s = -49.0\nvx_spread_m_s = 2.0",
+            ["start.vx_m_s: -49", "start.vx_spread_m_s 2", "at most 50"],
+        ),
         ("[start]\ny_spread_m = -1.0", ["start.y_spread_m", "-1", "from 0"]),
     ] {
         let message = refused(text);
@@ -68,6 +76,14 @@ fn a_leg_may_be_given_by_its_parameters() {
     assert!(message.contains("mass_kg") && message.contains("-80"), "{message}");
     let message = refused(&format!("leg = \"crab\"\n[leg_parameters]\n{text}"));
     assert!(message.contains("one of the two"), "{message}");
+}
+
+#[test]
+fn a_controller_is_told_gravity_and_leg() {
+    let moon = Scenario::from_settings(&Settings::from_toml("medium = \"moon\"").unwrap()).unwrap();
+    assert_eq!(moon.leg_model(), LegModel::HUMAN, "the same figures on both sides");
+    assert_eq!(moon.terms(), Terms::at(1000).with_gravity(1.62).with_leg(&LegModel::HUMAN));
+    assert_ne!(Scenario { leg: Leg::crab(), ..moon.clone() }.terms().leg, moon.terms().leg);
 }
 
 #[test]

@@ -20,7 +20,7 @@ pub struct ControllerCall {
     /// Ticks a second.
     pub rate_hz: u32,
     /// Gravity where the leg is, m/s2.
-    pub gravity_m_s2: f64,
+    pub gravity_m_s2: f32,
     /// The domain to meet in.
     pub domain: String,
     /// Its patience with this process.

@@ -91,6 +91,8 @@ pub struct Outcome {
     pub apexes: u64,
     /// Ticks in which the controller sent its safe command.
     pub safe_ticks: u64,
+    /// Samples that the controller's guard rejected, by its last command.
+    pub rejected: u32,
     /// Commands dropped because they answered another tick or epoch.
     pub foreign_commands: u64,
     /// Hash of every state and command.
@@ -106,6 +108,12 @@ impl Outcome {
         self.ticks as f64 / self.wall_time_s
     }
 
+    /// Whether the controller sent its safe command throughout.
+    #[must_use]
+    pub fn all_safe(&self) -> bool {
+        self.ticks > 0 && self.safe_ticks == self.ticks
+    }
+
     /// The figures, for a script.
     #[must_use]
     pub fn report(&self) -> Report {
@@ -119,6 +127,7 @@ impl Outcome {
             sim_time_s: self.sim_time_s,
             ticks_per_s: self.ticks_per_s(),
             safe_ticks: self.safe_ticks,
+            rejected: self.rejected,
             round_trip_us: self.round_trips.quantiles_us(),
             state_hash: format!("{:016x}", self.state_hash),
         }
@@ -146,6 +155,8 @@ pub struct Report {
     pub ticks_per_s: f64,
     /// Ticks under the safe command.
     pub safe_ticks: u64,
+    /// Samples that the controller's guard rejected.
+    pub rejected: u32,
     /// Time from sample to command.
     pub round_trip_us: RoundTripUs,
     /// Hash of every state and command, hexadecimal.
@@ -214,6 +225,7 @@ struct Run<'a> {
     touchdowns: u64,
     apexes: u64,
     safe_ticks: u64,
+    rejected: u32,
     foreign_commands: u64,
     hash: StateHash,
     round_trips: RoundTrips,
@@ -232,6 +244,7 @@ impl<'a> Run<'a> {
             touchdowns: 0,
             apexes: 0,
             safe_ticks: 0,
+            rejected: 0,
             foreign_commands: 0,
             hash: StateHash::default(),
             round_trips: RoundTrips::default(),
@@ -284,6 +297,7 @@ impl<'a> Run<'a> {
         self.hash.command(&command);
         self.round_trips.record(round_trip);
         self.safe_ticks += u64::from(command.header.flags & flags::SAFE != 0);
+        self.rejected = command.rejected;
         for event in events.iter() {
             match event.kind {
                 EventKind::Touchdown { .. } => self.touchdowns += 1,
@@ -365,6 +379,7 @@ impl<'a> Run<'a> {
             touchdowns: self.touchdowns,
             apexes: self.apexes,
             safe_ticks: self.safe_ticks,
+            rejected: self.rejected,
             foreign_commands: self.foreign_commands,
             state_hash: self.hash.value(),
             round_trips: self.round_trips,

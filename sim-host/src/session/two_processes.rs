@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use controller::host::domain::DomainError;
 use controller::host::shm::{ConnectError, Missing, ShmLeg};
-use controller::host::{Domain, Stop, Terms};
+use controller::host::{Domain, Stop};
 
 use super::child::{ControllerCall, ControllerChild};
 use super::lock_step::{self, Options, Outcome, SessionError, TickRecord};
@@ -68,7 +68,7 @@ pub fn play(
     let mut child =
         meeting.start.as_ref().map(ControllerChild::spawn).transpose().map_err(PlayError::Start)?;
 
-    let terms = Terms::at(scenario.rate_hz);
+    let terms = scenario.terms();
     let link = ShmLeg::connect_watching(&domain, terms, meeting.timeout, stop, |missing| {
         tell(missing);
         child.as_mut().is_none_or(|child| child.ended().is_none())

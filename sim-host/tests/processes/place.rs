@@ -74,6 +74,11 @@ impl Place {
         self.start("run", &[&["--policy", text(&policy)], arguments].concat())
     }
 
+    /// The main job, its picture to go to `folder`.
+    pub(crate) fn shore(&self, folder: &Path) -> Running {
+        self.start("--out", &[text(folder)])
+    }
+
     /// Waits until both play, and have played for a while.
     pub(crate) fn wait_for_the_run(&self, domain: Option<&str>) {
         let folder = self.base().join(domain.unwrap_or(DOMAIN));

@@ -17,14 +17,16 @@ pub struct Missing {
     pub waited: Duration,
     /// The rate that it has to have, Hz.
     pub rate_hz: u32,
+    /// The gravity that it has to be told, m/s2.
+    pub gravity_m_s2: f32,
 }
 
 impl fmt::Display for Missing {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { peer, domain, waited, rate_hz } = self;
+        let Self { peer, domain, waited, rate_hz, gravity_m_s2 } = self;
         write!(
             f,
-            "no {peer} in domain `{domain}` after {:.1} s; start one with `{} --domain {domain} --rate {rate_hz}`",
+            "no {peer} in domain `{domain}` after {:.1} s; start one with `{} --domain {domain} --rate {rate_hz} --gravity {gravity_m_s2}`",
             waited.as_secs_f64(),
             peer.start_hint()
         )
@@ -72,6 +74,18 @@ pub enum ConnectError {
         theirs: u32,
         /// This program's, Hz.
         ours: u32,
+    },
+    /// The peer counts with another gravity.
+    #[error(
+        "the {peer} is under a gravity of {theirs} m/s2, this program under {ours} m/s2; give both the same --gravity"
+    )]
+    Gravity {
+        /// Who.
+        peer: Role,
+        /// The peer's gravity, m/s2.
+        theirs: f32,
+        /// This program's, m/s2.
+        ours: f32,
     },
     /// The domain cannot be joined.
     #[error(transparent)]

@@ -20,6 +20,7 @@ const SETTLE: Duration = Duration::from_secs(2);
 
 const WIRE_VERSION_KEY: &str = "wire-version";
 const RATE_KEY: &str = "rate-hz";
+const GRAVITY_KEY: &str = "gravity-m-s2";
 
 /// A service that carries `T`.
 pub(super) type Service<T> = PortFactory<ipc::Service, T, ()>;
@@ -69,12 +70,13 @@ pub(super) fn service<T: Message>(
 /// What a service says of itself, for the `iox2` tool and for peers without a card.
 fn attributes(terms: Terms) -> Result<AttributeVerifier, String> {
     let mut attributes = AttributeVerifier::new();
-    for (key, number) in
-        [(WIRE_VERSION_KEY, u32::from(terms.wire_version)), (RATE_KEY, terms.rate_hz)]
-    {
+    for (key, number) in [
+        (WIRE_VERSION_KEY, terms.wire_version.to_string()),
+        (RATE_KEY, terms.rate_hz.to_string()),
+        (GRAVITY_KEY, terms.gravity_m_s2.to_string()),
+    ] {
         let key = AttributeKey::new(key.as_bytes()).map_err(|cause| cause.to_string())?;
-        let value = AttributeValue::new(number.to_string().as_bytes())
-            .map_err(|cause| cause.to_string())?;
+        let value = AttributeValue::new(number.as_bytes()).map_err(|cause| cause.to_string())?;
         attributes = attributes.require(&key, &value).map_err(|cause| cause.to_string())?;
     }
     Ok(attributes)

@@ -1,5 +1,5 @@
 use super::*;
-use crate::host::card::Role;
+use crate::leg::LegModel;
 
 const SHORT: Duration = Duration::from_millis(50);
 const LONG: Duration = Duration::from_secs(10);
@@ -37,6 +37,42 @@ fn another_wire_version_is_refused_on_both_sides() {
     );
 }
 
+#[test]
+fn another_gravity_is_refused_on_both_sides() {
+    let earth = Terms::at(1000);
+    let (leg, controller) = refusals(earth.with_gravity(1.62), earth);
+    for (message, parts) in [
+        (leg.to_string(), ["the controller", "9.81 m/s2, this program under 1.62 m/s2"]),
+        (controller.to_string(), ["the simulator", "1.62 m/s2, this program under 9.81 m/s2"]),
+    ] {
+        for part in parts.into_iter().chain(["--gravity"]) {
+            assert!(message.contains(part), "`{part}` in {message}");
+        }
+    }
+}
+
+#[test]
+fn another_leg_is_told_and_not_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let trained = Terms::at(1000).with_leg(&LegModel::HUMAN);
+    let played = Terms::at(1000).with_leg(&LegModel { mass_kg: 70.0, ..LegModel::HUMAN });
+    std::thread::scope(|scope| {
+        let (met, wait) = std::sync::mpsc::channel();
+        let dir = &dir;
+        let controlling = scope.spawn(move || {
+            let link = ShmController::connect(&domain(dir), trained, LONG, &Stop::default());
+            let leg = link.as_ref().map(ShmLink::peer_leg).ok();
+            // It stays until the leg has seen it.
+            wait.recv().unwrap();
+            leg
+        });
+        let link = ShmLeg::connect(&domain(dir), played, LONG, &Stop::default());
+        met.send(()).unwrap();
+        assert_eq!(link.unwrap().peer_leg(), trained.leg);
+        assert_eq!(controlling.join().unwrap(), Some(played.leg));
+    });
+}
+
 /// A peer that keeps no card, as a later version may not: the services tell.
 #[test]
 fn a_service_of_another_version_is_refused_also_without_a_card() {
@@ -47,7 +83,7 @@ fn a_service_of_another_version_is_refused_also_without_a_card() {
         .signal_handling_mode(SignalHandlingMode::Disabled)
         .create::<ipc::Service>()
         .unwrap();
-    let next = Terms { wire_version: 2, rate_hz: 1000 };
+    let next = Terms { wire_version: 2, ..Terms::at(1000) };
     let _theirs = service::<Sample>(&node, &domain, next).unwrap();
     let refused = ShmLeg::connect(&domain, Terms::at(1000), SHORT, &Stop::default());
     let message = refused.expect_err("refused").to_string();
@@ -63,7 +99,7 @@ fn a_missing_peer_is_waited_for_as_long_as_told_or_until_given_up() {
     assert!(start.elapsed() >= SHORT);
     let message = missing.expect_err("nobody there").to_string();
     assert!(message.contains("no controller in domain `d`"), "{message}");
-    assert!(message.contains("--rate 500"), "{message}");
+    assert!(message.contains("--rate 500 --gravity 9.81"), "{message}");
 
     let mut looks = 0;
     let given_up =
