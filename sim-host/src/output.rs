@@ -1,17 +1,17 @@
 //! Files that are there whole, or not at all.
 
-use std::fs::{self, Permissions};
+use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
-use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
-use tempfile::NamedTempFile;
+use tempfile::TempPath;
 
 /// A file under a temporary name beside its own, until it is finished: a reader
 /// sees the old file or the whole new one. Dropped before, it leaves no trace.
 #[derive(Debug)]
 pub struct Pending {
-    file: BufWriter<NamedTempFile>,
+    file: BufWriter<File>,
+    temporary: TempPath,
     path: PathBuf,
 }
 
@@ -19,17 +19,19 @@ impl Pending {
     /// Begins a file. A link is followed to what it leads to.
     ///
     /// # Errors
-    /// When the folder cannot be written to.
+    /// When the folder cannot be written to: the system's reason, which does not
+    /// name the temporary file.
     pub fn create(path: &Path) -> io::Result<Self> {
         let path = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
         if path.is_dir() {
             return Err(io::ErrorKind::IsADirectory.into());
         }
         let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        // As readable as a file made the usual way; the process's umask still applies.
-        let permissions = Permissions::from_mode(0o666);
-        let file = tempfile::Builder::new().permissions(permissions).tempfile_in(folder)?;
-        Ok(Self { file: BufWriter::new(file), path })
+        // Made the usual way, so as readable as any file. (Errors of the methods of a
+        // `NamedTempFile` name the temporary file, which means nothing to a user.)
+        let made = tempfile::Builder::new().make_in(folder, |path| File::create_new(path))?;
+        let (file, temporary) = made.into_parts();
+        Ok(Self { file: BufWriter::new(file), temporary, path })
     }
 
     /// Gives it its name.
@@ -38,8 +40,8 @@ impl Pending {
     /// When it cannot be written; an old file is then as it was.
     pub fn finish(self) -> io::Result<()> {
         let file = self.file.into_inner().map_err(io::IntoInnerError::into_error)?;
-        file.as_file().sync_all()?;
-        file.persist(&self.path).map_err(|error| error.error)?;
+        file.sync_all()?;
+        self.temporary.persist(&self.path).map_err(|error| error.error)?;
         Ok(())
     }
 }
@@ -84,6 +86,7 @@ mod tests {
         assert_eq!(fs::read(&path).unwrap(), b"new");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left beside it");
         assert!(replace(folder.path(), b"a folder is no file").is_err());
-        assert!(replace(&folder.path().join("no/such/folder"), b"").is_err());
+        let error = replace(&folder.path().join("no/such/folder"), b"").unwrap_err();
+        assert_eq!(error.to_string(), "No such file or directory (os error 2)");
     }
 }

@@ -145,6 +145,12 @@ pub fn from_json(text: &str) -> Result<Frozen, ImportError> {
         low: f32s(root.field("low").array()?),
         high: f32s(root.field("high").array()?),
     };
+    for i in 0..2 {
+        if action.low[i] > action.high[i] {
+            let expected = format!("at most high[{i}], {}", action.high[i]);
+            return Err(root.field("low").list()?[i].error(expected));
+        }
+    }
     let mut layers: Vec<Layer> = Vec::new();
     for layer in root.field("layers").list()? {
         let inputs = layers.last().map_or(3, |l| l.bias.len());
@@ -211,6 +217,14 @@ mod tests {
         assert_eq!(
             refused(&|v| v["hidden_activation"] = json!("tanh")),
             "hidden_activation: \"tanh\", expected \"relu\""
+        );
+        assert_eq!(
+            refused(&|v| v["low"] = json!([0.3, 2.5])),
+            "low[1]: 2.5, expected at most high[1], 2"
+        );
+        assert_eq!(
+            refused(&|v| v["high"][0] = json!(1e39)),
+            "high[0]: 1e+39, expected a finite number"
         );
         assert!(
             refused(&|v| v["test_vectors"][0]["action"][0] = json!(0.5))

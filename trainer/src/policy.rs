@@ -1,6 +1,6 @@
 //! From trained layers to the policy file that the controller flies, and back.
 
-use crate::config::{Config, Gains, MediumDraw};
+use crate::config::{Config, Gains, MediumDraw, Stage};
 use crate::net::mlp::Layer;
 use controller::actor::{ActionScaling, Actor, ObservationScaling, ShapeError, Widths, pack};
 use controller::host::blob::AlignedBytes;
@@ -137,14 +137,34 @@ impl From<Gains> for GainPoint {
 }
 
 impl Config {
-    /// Density ratios that the last stage trains in, lowest and highest (for the
-    /// normal draws: within three standard deviations).
+    /// Density ratios trained in, lowest and highest of all stages (for the normal
+    /// draws: within three standard deviations).
     #[must_use]
     pub fn density_range(&self) -> [f32; 2] {
-        match self.stages.last().map(|s| &s.medium) {
-            Some(MediumDraw::Water) => [0.7, 1.0],
-            Some(MediumDraw::Land) => [0.0, 0.3],
-            _ => [0.0, 1.0],
+        let of = |stage: &Stage| match stage.medium {
+            MediumDraw::Water => [0.7, 1.0],
+            MediumDraw::Land => [0.0, 0.3],
+            MediumDraw::WaterAndAir | MediumDraw::Mixed { .. } => [0.0, 1.0],
+        };
+        let union = |a: [f32; 2], b: [f32; 2]| [a[0].min(b[0]), a[1].max(b[1])];
+        self.stages.iter().map(of).reduce(union).unwrap_or([0.0, 1.0])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::preset::Preset;
+
+    #[test]
+    fn the_densities_are_those_of_all_stages() {
+        for (preset, range) in [
+            (Preset::Water, [0.7, 1.0]),
+            (Preset::Air, [0.0, 0.3]),
+            (Preset::WaterToAir, [0.0, 1.0]),
+            (Preset::Universal, [0.0, 1.0]),
+            (Preset::Robust, [0.0, 1.0]),
+        ] {
+            assert_eq!(preset.config().density_range(), range, "{preset:?}");
         }
     }
 }

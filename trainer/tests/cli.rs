@@ -1,7 +1,8 @@
 //! The command line as a user sees it.
 
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
+use std::time::Duration;
 
 fn trainer(arguments: &[&str], directory: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_trainer"))
@@ -30,7 +31,15 @@ fn from_training_to_actions() {
     assert_eq!(log.lines().count(), 301);
 
     let inspected = run("inspect p.bin");
-    for said in ["3-50-50-2", "seed               3", "action-at-second-layer", "discount = 0.6"] {
+    for said in [
+        "format version     1",
+        "3-50-50-2",
+        "seed               3",
+        "action-at-second-layer",
+        "discount = 0.6",
+        "test vectors       12, passed",
+        "    11,   12.5,      1: ",
+    ] {
         assert!(inspected.contains(said), "{said} is not in {inspected}");
     }
 
@@ -51,6 +60,7 @@ fn from_training_to_actions() {
     let mut lines = actions.lines();
     assert_eq!(lines.next(), Some("vx,y,rho,alpha,rs"));
     assert!(lines.next().unwrap().starts_with("-1,2,0,"));
+    assert_eq!(run("infer --policy p.bin --input o.csv --output -"), actions);
     run("infer --policy p.bin --input o.csv --output a.csv");
     assert_eq!(std::fs::read_to_string(directory.path().join("a.csv")).unwrap(), actions);
 
@@ -71,11 +81,31 @@ fn what_cannot_be_used_is_named_with_status_2() {
     };
     write("actor.json", r#"{"hidden_activation": "relu", "output": "linear"}"#);
     write("not.bin", "0123456789012345678901");
+    write(
+        "clip.json",
+        r#"{"hidden_activation": "relu", "output": "clip(output_scale*tanh(z), low, high)",
+            "output_scale": 1.0, "low": [0.5, 0.0], "high": [0.25, 2.0], "layers": []}"#,
+    );
+    write(
+        "good.json",
+        r#"{"hidden_activation": "relu", "output": "clip(output_scale*tanh(z), low, high)",
+            "output_scale": 1.0, "low": [0.25, 0.0], "high": [0.5, 2.0],
+            "layers": [{"weights": [[1, 0, 0], [0, 1, 0]], "bias": [0, 0]}]}"#,
+    );
+    let long_name = format!("import --json good.json --out p.bin --name {}", "n".repeat(65));
     let cases = [
         ("train --preset fire --out p.bin", "fire"),
         ("train --preset air --steps 0 --out p.bin", "--steps"),
         ("eval --policy none.bin", "none.bin"),
-        ("eval --policy not.bin", "not.bin: it starts with"),
+        ("train --preset robust --episodes 1 --out p.bin", "counted in steps; use --steps"),
+        ("train --preset air --out p.bin --log p.bin", "--log p.bin: this is the policy file"),
+        ("train --preset air --out p.bin --log ./p.bin", "--log ./p.bin: this is the policy file"),
+        ("train --preset air --out p.csv", "name the log with --log"),
+        ("train --preset air --out p.bin --eval-starts 1000001", "0..=1000000"),
+        ("eval --policy p.bin --starts 4294967295", "1..=1000000"),
+        ("eval --policy not.bin", "not.bin is not a policy to run: it starts with"),
+        ("import --json clip.json --out p.bin", "low[0]: 0.5, expected at most high[0], 0.25"),
+        (long_name.as_str(), "has 65 bytes, at most 64"),
         ("import --json actor.json --out p.bin", "actor.json: output: \"linear\", expected"),
         ("inspect actor.json", "actor.json"),
     ];
@@ -86,7 +116,45 @@ fn what_cannot_be_used_is_named_with_status_2() {
         assert_eq!(output.status.code(), Some(2), "{line}: {error}");
         assert!(error.contains(said), "{line}: {error}");
     }
-    assert!(!directory.path().join("p.bin").exists());
+    for name in ["p.bin", "p.csv"] {
+        assert!(!directory.path().join(name).exists(), "{name}");
+    }
+    // What is refused for its name is fine with another.
+    let output = trainer(&["import", "--json", "good.json", "--out", "p.bin"], directory.path());
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let help = text(&trainer(&["import", "--help"], directory.path()).stdout);
+    assert!(help.contains("\"layers\": [{\"weights\""), "{help}");
+}
+
+#[test]
+fn a_signal_stops_a_training_in_good_order() {
+    let directory = tempfile::tempdir().unwrap();
+    let child = Command::new(env!("CARGO_BIN_EXE_trainer"))
+        .args(["train", "--preset", "air", "--steps", "1000000000", "--out", "p.bin"])
+        .current_dir(directory.path())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // The log is begun after the signals are seen to.
+    for _ in 0..1000 {
+        if std::fs::read_dir(directory.path()).unwrap().count() > 0 {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    std::thread::sleep(Duration::from_millis(300));
+    let kill = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(kill.success());
+    let output = child.wait_with_output().unwrap();
+    let error = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{error}");
+    assert!(error.starts_with("trainer: stopped by a signal after "), "{error}");
+    assert!(error.contains("no policy written (log: p.csv)"), "{error}");
+    let files: Vec<_> =
+        std::fs::read_dir(directory.path()).unwrap().map(|f| f.unwrap().file_name()).collect();
+    assert_eq!(files, ["p.csv"]);
+    let log = std::fs::read_to_string(directory.path().join("p.csv")).unwrap();
+    assert!(log.lines().count() > 1 && log.ends_with('\n'), "{log}");
 }
 
 #[test]
@@ -99,6 +167,12 @@ fn a_bad_observation_is_named_with_line_and_column() {
     for (content, said) in [
         ("vx,y,rho\n1,2,0\n1,two,0\n", "o.csv, line 3, column y: 'two' is not a finite number"),
         ("vx,y\n1,2\n", "o.csv: no column rho"),
+        ("vx,y,rho\r\n1,2,0\r\n1,2\r\n", "o.csv, line 3, column rho: the value is missing"),
+        ("vx,y,rho\n1,,0\n", "o.csv, line 2, column y: the value is missing"),
+        ("vx,y,rho\n\n1,2,NaN\n", "o.csv, line 3, column rho: 'NaN' is not a finite number"),
+        ("vx,y,rho\n1e39,2,1\n", "o.csv, line 2, column vx: '1e39' is not a finite number"),
+        ("vx,y,rho,vx\n1,2,0,1\n", "o.csv: more than one column vx"),
+        ("vx,y,rho\n1,2,0,5\n", "o.csv, line 2: 4 values, but the first line names 3"),
     ] {
         std::fs::write(path("o.csv"), content).unwrap();
         let output = trainer(
@@ -108,10 +182,16 @@ fn a_bad_observation_is_named_with_line_and_column() {
         assert_eq!(output.status.code(), Some(2));
         assert!(text(&output.stderr).contains(said), "{}", text(&output.stderr));
         assert!(!path("a.csv").exists());
+        let output = trainer(&["infer", "--policy", "p.bin", "--input", "o.csv"], directory.path());
+        assert_eq!((output.status.code(), text(&output.stdout).as_str()), (Some(2), ""));
     }
     // A directory that is not there is found out before the training.
     let output =
         trainer(&["train", "--preset", "robust", "--out", "nowhere/p.bin"], directory.path());
     assert_eq!(output.status.code(), Some(1));
-    assert!(text(&output.stderr).contains("nowhere/p.bin"));
+    assert_eq!(
+        text(&output.stderr),
+        "trainer: nowhere/p.bin: cannot be written: No such file or directory (os error 2); \
+         name another place with --out\n"
+    );
 }

@@ -11,6 +11,9 @@ use std::path::PathBuf;
 /// otherwise: no policy has seen these.
 pub(super) const SEED: u64 = 4_607_469;
 
+/// Most starts at each density: a share is then known to within 0.0005.
+pub(super) const MOST_STARTS: i64 = 1_000_000;
+
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
     /// The policy file
@@ -19,8 +22,12 @@ pub(super) struct Arguments {
     /// Print one JSON object instead of tables
     #[arg(long)]
     json: bool,
-    /// Random starts at each density
-    #[arg(long, default_value_t = 5000, value_parser = clap::value_parser!(u32).range(1..))]
+    /// Random starts at each density, from 1 to 1000000
+    #[arg(
+        long,
+        default_value_t = 5000,
+        value_parser = clap::value_parser!(u32).range(1..=MOST_STARTS)
+    )]
     starts: u32,
     /// Seed of the starts
     #[arg(long, default_value_t = SEED)]

@@ -1,23 +1,39 @@
 //! `trainer import`
 
-use super::output::{print, write_file};
+use super::output::{Target, print};
 use super::{Failure, failed, input};
 use crate::config::Gains;
 use crate::import::from_json;
 use crate::policy::{About, blob};
-use anyhow::Context;
+use anyhow::{Context, anyhow};
 use clap::Args;
 use std::path::PathBuf;
 
+/// The layout, in short; the documentation of `trainer::import` is the reference.
+const LAYOUT: &str = r#"The JSON layout:
+  {"hidden_activation": "relu",
+   "output": "clip(output_scale*tanh(z), low, high)",
+   "output_scale": 2.617993877991494, "low": [0.314, 0.0], "high": [2.618, 2.0],
+   "layers": [{"weights": [[...], ...], "bias": [...]}, ...],
+   "test_vectors": [{"observation": [vx, y, rho], "action": [alpha, rs]}, ...]}
+
+Weights are row by output, from the inputs vx (m/s), y (m) and density ratio rho to
+the actions alpha (rad) and rs (m/s), which low and high clip, in this order. Test
+vectors may be absent; where they are there, the imported actor must give their
+actions within 1e-5."#;
+/// Longest name of a policy, bytes: what is printed of it stays on one line.
+const MOST_NAME_BYTES: usize = 64;
+
 #[derive(Debug, Args)]
+#[command(after_help = LAYOUT)]
 pub(super) struct Arguments {
-    /// The actor in JSON, in the layout of the documentation of `trainer::import`
+    /// The actor in JSON, in the layout below
     #[arg(long)]
     json: PathBuf,
     /// The policy file to write
     #[arg(long)]
     out: PathBuf,
-    /// Its name; by default that of the JSON file
+    /// Its name, at most 64 bytes; by default that of the JSON file
     #[arg(long)]
     name: Option<String>,
     /// Integral gain of the velocity cascade, at every density
@@ -33,6 +49,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let text = std::fs::read_to_string(&arguments.json).context(path.clone()).map_err(input)?;
     let frozen = from_json(&text).context(path).map_err(input)?;
     let stem = arguments.json.file_stem().unwrap_or_default().to_string_lossy();
+    let name = arguments.name.as_deref().unwrap_or(&stem);
+    if name.len() > MOST_NAME_BYTES {
+        return Err(input(anyhow!(
+            "--name: '{name}' has {} bytes, at most {MOST_NAME_BYTES} may be; shorten it",
+            name.len()
+        )));
+    }
     let gains = Gains {
         density_ratio: 0.0,
         kp: 0.0,
@@ -42,7 +65,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         limit_m_s: 10.0,
     };
     let about = About {
-        name: arguments.name.as_deref().unwrap_or(&stem),
+        name,
         preset: "import",
         seed: 0,
         steps: 0,
@@ -51,7 +74,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         gains: &[gains],
     };
     let bytes = blob(&frozen, &about).map_err(input)?;
-    write_file(&arguments.out, bytes.as_slice())?;
+    Target { path: &arguments.out, option: "--out" }.write(bytes.as_slice())?;
     let widths: Vec<String> = frozen.widths.iter().map(ToString::to_string).collect();
     let out = arguments.out.display();
     print(&format!("{out}: {} from {stem}, {} bytes", widths.join("-"), bytes.as_slice().len()))

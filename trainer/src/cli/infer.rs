@@ -1,6 +1,6 @@
 //! `trainer infer`
 
-use super::output::{begin, finish};
+use super::output::Target;
 use super::{Failure, failed, input};
 use anyhow::{Context, anyhow};
 use clap::Args;
@@ -18,7 +18,8 @@ pub(super) struct Arguments {
     /// CSV file with columns vx (m/s), y (m) and rho; - for the standard input
     #[arg(long)]
     input: PathBuf,
-    /// CSV file to write: the same columns, then alpha (rad) and rs (m/s)
+    /// CSV file to write: the same columns, then alpha (rad) and rs (m/s); - for the
+    /// standard output, as without this option
     #[arg(long)]
     output: Option<PathBuf>,
 }
@@ -27,51 +28,66 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let bytes = PolicyBlob::read(&arguments.policy).map_err(input)?;
     let policy = bytes.policy().map_err(input)?;
     let from = &arguments.input;
-    let source: Box<dyn Read> = if from == Path::new("-") {
-        Box::new(std::io::stdin().lock())
+    let source = if from == Path::new("-") {
+        let mut text = Vec::new();
+        std::io::stdin().read_to_end(&mut text).map(|_| text)
     } else {
-        let file = std::fs::File::open(from);
-        Box::new(file.with_context(|| from.display().to_string()).map_err(input)?)
+        std::fs::read(from)
     };
-    match &arguments.output {
-        Some(path) => {
-            let mut file = begin(path)?;
-            infer(&policy, source, from, &mut file)?;
-            finish(path, file)
+    let source = source.with_context(|| from.display().to_string()).map_err(input)?;
+    // Converted as a whole first: of an input with a bad row, nothing is written.
+    let actions = infer(&policy, &source, from)?;
+    match arguments.output.as_deref() {
+        Some(path) if path != Path::new("-") => Target { path, option: "--output" }.write(&actions),
+        _ => {
+            let mut stdout = std::io::stdout().lock();
+            stdout.write_all(&actions).and_then(|()| stdout.flush()).map_err(failed)
         }
-        None => infer(&policy, source, from, std::io::stdout().lock()),
     }
 }
 
-fn infer(
-    policy: &Policy<'_>,
-    source: impl Read,
-    from: &Path,
-    to: impl Write,
-) -> Result<(), Failure> {
+fn infer(policy: &Policy<'_>, source: &[u8], from: &Path) -> Result<Vec<u8>, Failure> {
     let name = from.display();
-    let mut reader = csv::Reader::from_reader(source);
+    let mut reader = csv::ReaderBuilder::new().flexible(true).from_reader(source);
     let headers = reader.headers().with_context(|| name.to_string()).map_err(input)?.clone();
     let column = |wanted: &str| {
-        headers.iter().position(|h| h.trim() == wanted).ok_or_else(|| {
-            input(anyhow!("{name}: no column {wanted}; the first line must name vx, y and rho"))
-        })
+        let mut found = (0..headers.len()).filter(|&i| headers[i].trim() == wanted);
+        match (found.next(), found.next()) {
+            (Some(column), None) => Ok(column),
+            (None, _) => Err(input(anyhow!(
+                "{name}: no column {wanted}; the first line must name vx, y and rho"
+            ))),
+            (Some(_), Some(_)) => Err(input(anyhow!(
+                "{name}: more than one column {wanted}; the first line must name vx, y and rho once each"
+            ))),
+        }
     };
     let columns = [("vx", column("vx")?), ("y", column("y")?), ("rho", column("rho")?)];
-    let mut writer = csv::Writer::from_writer(to);
-    writer.write_record(["vx", "y", "rho", "alpha", "rs"]).map_err(unwritten)?;
-    for record in reader.records() {
-        let record = record.with_context(|| name.to_string()).map_err(input)?;
-        let line = record.position().map_or(0, csv::Position::line);
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    writer.write_record(["vx", "y", "rho", "alpha", "rs"]).map_err(failed)?;
+    let mut record = csv::StringRecord::new();
+    while reader.read_record(&mut record).with_context(|| name.to_string()).map_err(input)? {
+        let line = || line_of(source, record.position().map_or(0, csv::Position::byte));
         let mut values = [0.0_f32; 3];
         for (value, (header, column)) in values.iter_mut().zip(columns) {
+            let bad = |what: &str| {
+                let place = format!("{name}, line {}, column {header}", line());
+                input(anyhow!("{place}: {what} a finite number, of magnitude below 3.4e38"))
+            };
             let text = record.get(column).unwrap_or_default().trim();
+            if text.is_empty() {
+                return Err(bad("the value is missing; give"));
+            }
             let finite = text.parse().ok().filter(|x: &f32| x.is_finite());
-            *value = finite.ok_or_else(|| {
-                input(anyhow!(
-                    "{name}, line {line}, column {header}: '{text}' is not a finite number"
-                ))
-            })?;
+            *value = finite.ok_or_else(|| bad(&format!("'{text}' is not")))?;
+        }
+        if record.len() > headers.len() {
+            return Err(input(anyhow!(
+                "{name}, line {}: {} values, but the first line names {}; take out what is too many",
+                line(),
+                record.len(),
+                headers.len()
+            )));
         }
         let [apex_vx_m_s, apex_y_m, density_ratio] = values;
         let action = policy.actor().act(Observation { apex_vx_m_s, apex_y_m, density_ratio });
@@ -82,14 +98,16 @@ fn infer(
             action.touchdown_angle_rad,
             action.elongation_speed_m_s,
         ];
-        writer.write_record(row.map(|x| x.to_string())).map_err(unwritten)?;
+        writer.write_record(row.map(|x| x.to_string())).map_err(failed)?;
     }
-    writer.flush().map_err(failed)
+    writer.into_inner().map_err(|e| failed(e.into_error()))
 }
 
-fn unwritten(error: csv::Error) -> Failure {
-    match error.into_kind() {
-        csv::ErrorKind::Io(error) => failed(error),
-        other => failed(anyhow!("{other:?}")),
-    }
+/// The line, from 1, of the record that is read from this byte on. (The reader's own
+/// figure is that of the line before when this one ends with CR LF, or is empty.)
+fn line_of(text: &[u8], byte: u64) -> usize {
+    let newlines = |part: &[u8]| part.split(|&b| b == b'\n').skip(1).count();
+    let (before, rest) = text.split_at(text.len().min(byte as usize));
+    let blank = rest.iter().take_while(|b| matches!(b, b'\r' | b'\n')).count();
+    1 + newlines(before) + newlines(&rest[..blank])
 }

@@ -4,9 +4,12 @@ use super::output::print;
 use super::{Failure, failed, input};
 use clap::Args;
 use controller::host::blob::PolicyBlob;
-use controller::policy::Policy;
+use controller::policy::{FORMAT_VERSION, Manifest, Policy, TestVector};
 use std::fmt::Write;
 use std::path::PathBuf;
+
+/// Bytes before the manifest: magic, format version, length.
+const PREAMBLE_LEN: usize = 8 + 2 + 4;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -17,11 +20,24 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let bytes = PolicyBlob::read(&arguments.policy).map_err(input)?;
     let policy = bytes.policy().map_err(input)?;
-    let text = describe(&policy, bytes.as_slice().len()).map_err(failed)?;
+    let vectors = test_vectors(bytes.as_slice()).map_err(failed)?;
+    let text = describe(&policy, bytes.as_slice().len(), &vectors).map_err(failed)?;
     print(text.trim_end())
 }
 
-fn describe(policy: &Policy<'_>, bytes: usize) -> Result<String, std::fmt::Error> {
+/// Those of a blob that has passed its checks, read as the format in the
+/// documentation of [`controller::policy`] has them.
+fn test_vectors(blob: &[u8]) -> postcard::Result<Vec<TestVector>> {
+    let body = blob.get(PREAMBLE_LEN..).unwrap_or_default();
+    let (_, rest) = postcard::take_from_bytes::<Manifest<'_>>(body)?;
+    postcard::take_from_bytes(rest).map(|(vectors, _)| vectors)
+}
+
+fn describe(
+    policy: &Policy<'_>,
+    bytes: usize,
+    vectors: &[TestVector],
+) -> Result<String, std::fmt::Error> {
     let m = policy.manifest();
     let (o, a, l, p) = (&m.observation, &m.action, &m.leg, &m.provenance);
     let mut t = String::new();
@@ -29,6 +45,8 @@ fn describe(policy: &Policy<'_>, bytes: usize) -> Result<String, std::fmt::Error
     let weights = policy.actor().weights().len();
     writeln!(t, "name               {}", m.name)?;
     writeln!(t, "size               {bytes} bytes, CRC-32 {:08x}, checks passed", policy.crc32())?;
+    // The only one that passes the checks.
+    writeln!(t, "format version     {FORMAT_VERSION}")?;
     writeln!(t, "network            {} ReLU, tanh; {weights} weights, f32", widths.join("-"))?;
     writeln!(t, "inputs             (observation - offset) * scale of vx m/s, y m, density ratio")?;
     writeln!(t, "  offset           {:?}", o.offset)?;
@@ -58,6 +76,19 @@ fn describe(policy: &Policy<'_>, bytes: usize) -> Result<String, std::fmt::Error
             t,
             "                   {:>7}  {:>6}  {:>6}  {:>6}  {:>8}  {:>9}",
             g.density_ratio, g.kp, g.ki, g.kd, g.feed_forward, g.limit_m_s
+        )?;
+    }
+    writeln!(t, "test vectors       {}, passed; vx m/s, y m, rho: rad, m/s", vectors.len())?;
+    for v in vectors {
+        let (o, a) = (&v.observation, &v.action);
+        writeln!(
+            t,
+            "                   {:>6}, {:>6}, {:>6}: {:>9}, {:>9}",
+            o.apex_vx_m_s,
+            o.apex_y_m,
+            o.density_ratio,
+            a.touchdown_angle_rad,
+            a.elongation_speed_m_s
         )?;
     }
     writeln!(t, "configuration")?;

@@ -1,29 +1,39 @@
 //! Files that appear whole or not at all, and the standard output.
 
 use super::{Failure, failed};
-use anyhow::Context;
+use anyhow::anyhow;
 use sim_host::output::{Pending, replace};
 use std::io::Write;
 use std::path::Path;
 
-/// Says which file could not be written.
-fn at<T>(path: &Path, result: std::io::Result<T>) -> Result<T, Failure> {
-    result.with_context(|| format!("{}: cannot be written", path.display())).map_err(failed)
+/// A file to write, and the option that names it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Target<'a> {
+    pub(crate) path: &'a Path,
+    pub(crate) option: &'static str,
 }
 
-/// Begins a file that gets its name when it is [`finish`]ed.
-pub(crate) fn begin(path: &Path) -> Result<Pending, Failure> {
-    at(path, Pending::create(path))
-}
+impl Target<'_> {
+    /// Says which file could not be written, and what to do.
+    pub(crate) fn unwritten(&self, error: &std::io::Error) -> Failure {
+        let (path, option) = (self.path.display(), self.option);
+        failed(anyhow!("{path}: cannot be written: {error}; name another place with {option}"))
+    }
 
-/// Gives a file its name.
-pub(crate) fn finish(path: &Path, file: Pending) -> Result<(), Failure> {
-    at(path, file.finish())
-}
+    /// Begins a file that gets its name when it is [finished](Self::finish).
+    pub(crate) fn begin(&self) -> Result<Pending, Failure> {
+        Pending::create(self.path).map_err(|e| self.unwritten(&e))
+    }
 
-/// Writes a whole file.
-pub(crate) fn write_file(path: &Path, content: &[u8]) -> Result<(), Failure> {
-    at(path, replace(path, content))
+    /// Gives a file its name.
+    pub(crate) fn finish(&self, file: Pending) -> Result<(), Failure> {
+        file.finish().map_err(|e| self.unwritten(&e))
+    }
+
+    /// Writes a whole file.
+    pub(crate) fn write(&self, content: &[u8]) -> Result<(), Failure> {
+        replace(self.path, content).map_err(|e| self.unwritten(&e))
+    }
 }
 
 /// Prints a text and a newline.

@@ -1,18 +1,23 @@
 //! `trainer train`
 
-use super::output::{begin, finish, print, write_file};
+use super::eval::{MOST_STARTS, SEED};
+use super::output::{Target, print};
 use super::{Failure, IsaArgument, failed, input};
 use crate::config::{Config, Length};
+use crate::evaluate::gains::search;
 use crate::evaluate::report::Report;
 use crate::policy::{About, blob};
 use crate::preset::Preset;
 use crate::train::Training;
-use anyhow::Context;
+use anyhow::{Context, anyhow};
 use clap::Args;
-use controller::policy::Policy;
+use controller::host::Stop;
+use controller::host::blob::AlignedBytes;
+use controller::policy::{ParseError, Policy};
 use indicatif::{ProgressBar, ProgressStyle};
 use sim_host::output::Pending;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 /// The progress bar counts in thousandths.
@@ -39,9 +44,13 @@ pub(super) struct Arguments {
     /// Length of the last stage in episodes, instead of the preset's
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     episodes: Option<u64>,
-    /// Starts at each density of the evaluation at the end; 0 for none
-    #[arg(long, default_value_t = 5000)]
-    eval_starts: usize,
+    /// Starts at each density of the evaluation at the end, at most 1000000; 0 for none
+    #[arg(
+        long,
+        default_value_t = 5000,
+        value_parser = clap::value_parser!(u32).range(0..=MOST_STARTS)
+    )]
+    eval_starts: u32,
     /// Instruction set to compute with; the result does not depend on it
     #[arg(long, value_enum, default_value = "best")]
     isa: IsaArgument,
@@ -55,42 +64,131 @@ impl Arguments {
                 last.length = Length::Steps(n);
             }
             if let Some(n) = self.episodes {
+                // It needs to know how far it is: to select the actor that is kept.
+                if config.selection.evaluations > 0 {
+                    return Err(input(anyhow!(
+                        "--episodes {n}: the preset {} is counted in steps; use --steps",
+                        config.preset
+                    )));
+                }
                 last.length = Length::Episodes(n);
             }
         }
         config.check().context("--preset").map_err(input)?;
         Ok(config)
     }
+
+    /// Where the log goes: never where the policy goes.
+    fn log(&self) -> Result<PathBuf, Failure> {
+        let path = self.log.clone().unwrap_or_else(|| self.out.with_extension("csv"));
+        if place(&path) != place(&self.out) {
+            return Ok(path);
+        }
+        let path = path.display();
+        Err(input(if self.log.is_some() {
+            anyhow!("--log {path}: this is the policy file, --out; give the log another name")
+        } else {
+            anyhow!(
+                "--out {path}: the log would get the same name; name the log with --log, \
+                 or let the policy's name end otherwise, such as in .bin"
+            )
+        }))
+    }
 }
 
-/// Trains to the end, with a row of the log for every episode.
-fn learn(training: &mut Training, log: &mut csv::Writer<Pending>) -> Result<(), Failure> {
+/// A file's place, whatever it is called by, and whether or not it is there.
+fn place(path: &Path) -> PathBuf {
+    let in_folder = || {
+        let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        Some(folder.canonicalize().ok()?.join(path.file_name()?))
+    };
+    path.canonicalize().ok().or_else(in_folder).unwrap_or_else(|| path.to_owned())
+}
+
+/// Trains to the end, with a row of the log for every episode, unless a signal
+/// asks to stop.
+fn learn(
+    training: &mut Training,
+    log: &mut csv::Writer<Pending>,
+    target: Target<'_>,
+    stop: &Stop,
+) -> Result<(), Failure> {
     let bar = progress_bar();
-    while let Some(record) = training.episode().map_err(failed)? {
-        log.serialize(record).context("--log: cannot be written").map_err(failed)?;
+    while !stop.is_raised()
+        && let Some(record) = training.episode().map_err(failed)?
+    {
+        log.serialize(record).map_err(|e| target.unwritten(&e.into()))?;
         bar.set_position((BAR * training.share_done()) as u64);
     }
     bar.finish_and_clear();
     Ok(())
 }
 
+/// Does work that takes seconds, with a word of it on a terminal; `None` when a
+/// signal asks to stop meanwhile. The work then ends with the process.
+fn unless_stopped<T: Send + 'static>(
+    stop: &Stop,
+    doing: &'static str,
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Option<T> {
+    let style = ProgressStyle::with_template("{spinner} {msg}  {elapsed}").expect("a template");
+    let spinner = ProgressBar::new_spinner().with_style(style).with_message(doing);
+    spinner.enable_steady_tick(Duration::from_millis(200));
+    let (sender, receiver) = channel();
+    // A receiver that is gone has been stopped.
+    let worker = std::thread::spawn(move || _ = sender.send(work()));
+    let result = loop {
+        match receiver.recv_timeout(Duration::from_millis(50)) {
+            Ok(_) | Err(RecvTimeoutError::Timeout) if stop.is_raised() => break None,
+            Ok(result) => break Some(result),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => {
+                spinner.finish_and_clear();
+                match worker.join() {
+                    Err(panic) => std::panic::resume_unwind(panic),
+                    Ok(()) => unreachable!("it sends before it ends"),
+                }
+            }
+        }
+    };
+    spinner.finish_and_clear();
+    result
+}
+
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let config = arguments.config()?;
     let isa = arguments.isa.isa()?;
+    let log_path = arguments.log()?;
+    let out = Target { path: &arguments.out, option: "--out" };
+    let log_target = Target { path: &log_path, option: "--log" };
+    // Before there is any file: a signal must leave none half made.
+    let stop = Stop::on_signals().context("signals").map_err(failed)?;
     // Before the training, not after it: whether there is anywhere to write to.
-    drop(begin(&arguments.out)?);
-    let log_path = arguments.log.clone().unwrap_or_else(|| arguments.out.with_extension("csv"));
-    let mut log = csv::Writer::from_writer(begin(&log_path)?);
+    drop(out.begin()?);
+    let mut log = csv::Writer::from_writer(log_target.begin()?);
     let began = Instant::now();
     let mut training = Training::new(config.clone(), arguments.seed, isa);
-    let learnt = learn(&mut training, &mut log);
-    // Also of a training that diverged: the log is where to look for the reason.
-    finish(&log_path, log.into_inner().map_err(|e| failed(e.into_error()))?)?;
+    let learnt = learn(&mut training, &mut log, log_target, &stop);
+    // Also of a training that diverged or was stopped: the log says how far it came.
+    let log = log.into_inner().map_err(|e| log_target.unwritten(e.error()))?;
+    log_target.finish(log)?;
     learnt?;
+    let stopped = || {
+        failed(anyhow!(
+            "stopped by a signal after {} steps; no policy written (log: {})",
+            training.total_steps(),
+            log_path.display()
+        ))
+    };
+    if stop.is_raised() {
+        return Err(stopped());
+    }
     let took = began.elapsed();
     let (frozen, standing) = training.kept();
     let gains = if config.gains.is_empty() {
-        crate::evaluate::gains::search(&frozen.actor())
+        let frozen = frozen.clone();
+        unless_stopped(&stop, "searching the cascade's gains…", move || search(&frozen.actor()))
+            .ok_or_else(stopped)?
     } else {
         config.gains.clone()
     };
@@ -107,7 +205,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         },
     )
     .map_err(failed)?;
-    write_file(&arguments.out, bytes.as_slice())?;
+    out.write(bytes.as_slice())?;
     let policy = Policy::parse(bytes.as_slice()).map_err(failed)?;
     let (steps, seconds) = (training.total_steps(), took.as_secs_f64());
     print(&format!(
@@ -125,10 +223,20 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         ))?;
     }
     if arguments.eval_starts > 0 {
-        let report = Report::new(&policy, arguments.eval_starts, super::eval::SEED);
-        print(&format!("\n{report}"))?;
+        let starts = arguments.eval_starts as usize;
+        let evaluate = move || evaluate(&bytes, starts);
+        let report = unless_stopped(&stop, "evaluating…", evaluate).ok_or_else(|| {
+            let out = arguments.out.display();
+            failed(anyhow!("stopped by a signal; {out} is written, but was not evaluated"))
+        })?;
+        print(&format!("\n{}", report.map_err(failed)?))?;
     }
     Ok(())
+}
+
+fn evaluate(bytes: &AlignedBytes, starts: usize) -> Result<Report, ParseError> {
+    let policy = Policy::parse(bytes.as_slice())?;
+    Ok(Report::new(&policy, starts, SEED))
 }
 
 /// On a terminal only: elsewhere it draws nothing.

@@ -98,7 +98,8 @@ fn best_at(actor: &Actor<'_>, rho: f64) -> Gains {
 }
 
 /// The best gains at every density: those with the fewest falls, of these the ones
-/// that track the most set-points, of these the fastest, of these the one that follows jumps of the set-point best.
+/// that track the most set-points, of these the fastest, of these the one that
+/// follows jumps of the set-point best.
 #[must_use]
 pub fn search(actor: &Actor<'_>) -> Vec<Gains> {
     DENSITIES.iter().map(|&rho| best_at(actor, rho)).collect()

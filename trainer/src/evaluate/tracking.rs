@@ -24,14 +24,13 @@ const RAMP_HOPS: usize = 10;
 const RAMP_STEP_M_S: f64 = 0.05;
 /// The ramp ends here even if the leg still stands, m/s.
 pub const RAMP_CAP_M_S: f64 = 30.0;
-
-/// ... and where the best speed is left behind by this much: the leg stands, at
-/// the offset's bound, and will not get any faster, m/s.
+/// The ramp ends where the best speed is left behind by this much, too: the leg
+/// stands, at the offset's bound, and will not get any faster, m/s.
 pub const GIVEN_UP_M_S: f64 = 10.0;
 
-/// Highest speed of a steady gait with every apex at or above 1 m, by density
-/// (a search over touchdown angle and elongation speed, no agent involved;
-/// lower bounds).
+/// Highest speed, m/s, of a steady gait with every apex at or above 1 m, by density:
+/// found by a search over the touchdown angle alpha and the elongation speed rs for
+/// period-1 gaits of the plant, independent of any agent; lower bounds.
 const STEADY_GAIT_M_S: [(f64, f64); 8] = [
     (0.0, 16.0),
     (0.05, 6.7),
