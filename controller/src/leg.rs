@@ -51,8 +51,9 @@ impl LegModel {
         drag_y: 1.05,
     };
 
-    /// The fields in declaration order, to check them all alike.
-    const fn fields(&self) -> [f32; 10] {
+    /// Every parameter, in the order of declaration.
+    #[must_use]
+    pub const fn figures(&self) -> [f32; 10] {
         [
             self.mass_kg,
             self.added_mass_kg,
@@ -71,7 +72,7 @@ impl LegModel {
     /// control law divides by (mass, volume, rest length) are above 0.
     #[must_use]
     pub fn is_physical(&self) -> bool {
-        self.fields().iter().all(|x| (0.0..=MAX_FIGURE).contains(x))
+        self.figures().iter().all(|x| (0.0..=MAX_FIGURE).contains(x))
             && self.mass_kg > 0.0
             && self.volume_m3 > 0.0
             && self.rest_length_m > 0.0

@@ -1,5 +1,6 @@
 //! Every figure of a training, as it is stored in the policy it makes.
 
+use controller::policy::GainPoint;
 use serde::{Deserialize, Serialize};
 
 /// A training: the agent, and the stages it goes through one after the other.
@@ -25,7 +26,7 @@ pub struct Config {
     pub selection: Selection,
     /// Recommended gains of the velocity cascade, by ascending density; where there
     /// are none, they are searched for after the training.
-    pub gains: Vec<Gains>,
+    pub gains: Vec<GainPoint>,
 }
 
 /// The networks and their scalings.
@@ -248,19 +249,6 @@ pub struct Selection {
     pub evaluations: u64,
     /// Starts for each density of an evaluation, drawn for the selection alone.
     pub starts: usize,
-}
-
-/// Gains of the cascade at a density; see `controller::velocity`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-#[allow(missing_docs, reason = "named as in the controller's `GainPoint`")]
-pub struct Gains {
-    pub density_ratio: f32,
-    pub kp: f32,
-    pub ki: f32,
-    pub kd: f32,
-    pub feed_forward: f32,
-    pub limit_m_s: f32,
 }
 
 /// Why a configuration cannot be trained.

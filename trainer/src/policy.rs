@@ -1,6 +1,6 @@
 //! From trained layers to the policy file that the controller flies, and back.
 
-use crate::config::{Config, Gains, MediumDraw, Stage};
+use crate::config::{Config, MediumDraw, Stage};
 use crate::net::mlp::Layer;
 use controller::actor::{ActionScaling, Actor, ObservationScaling, ShapeError, Widths, pack};
 use controller::host::blob::AlignedBytes;
@@ -91,7 +91,7 @@ pub struct About<'a> {
     /// Configuration, TOML.
     pub config: &'a str,
     /// Recommended gains.
-    pub gains: &'a [Gains],
+    pub gains: &'a [GainPoint],
 }
 
 /// The blob of an actor, at a 4-byte aligned address.
@@ -99,7 +99,7 @@ pub struct About<'a> {
 /// # Errors
 /// [`WriteError`] when the controller would refuse it.
 pub fn blob(frozen: &Frozen, about: &About<'_>) -> Result<AlignedBytes, WriteError> {
-    let gains: GainSchedule = about.gains.iter().map(|&g| g.into()).collect();
+    let gains: GainSchedule = about.gains.iter().copied().collect();
     let manifest = Manifest {
         name: about.name,
         widths: frozen.widths.clone(),
@@ -121,19 +121,6 @@ pub fn blob(frozen: &Frozen, about: &About<'_>) -> Result<AlignedBytes, WriteErr
     let len = write(&manifest, &frozen.packed, bytes.as_mut_slice())?;
     bytes.truncate(len);
     Ok(bytes)
-}
-
-impl From<Gains> for GainPoint {
-    fn from(g: Gains) -> Self {
-        Self {
-            density_ratio: g.density_ratio,
-            kp: g.kp,
-            ki: g.ki,
-            kd: g.kd,
-            feed_forward: g.feed_forward,
-            limit_m_s: g.limit_m_s,
-        }
-    }
 }
 
 impl Config {

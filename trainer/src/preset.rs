@@ -5,9 +5,10 @@
 //! its data (doi 10.5281/zenodo.4607469) where that shows it.
 
 use crate::config::{
-    Config, Critic, Episode, Exploration, Gains, InitialWeights, Learning, Length, MediumDraw,
-    Network, Reward, Selection, Stage, Tolerance,
+    Config, Critic, Episode, Exploration, InitialWeights, Learning, Length, MediumDraw, Network,
+    Reward, Selection, Stage, Tolerance,
 };
+use controller::policy::GainPoint;
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_3, PI};
 
 /// A training with a name.
@@ -110,7 +111,7 @@ fn paper(name: &str, max_steps: u32, stages: Vec<Stage>) -> Config {
         stages,
         selection: Selection { evaluations: 0, starts: 0 },
         // The published code: integral only.
-        gains: vec![Gains {
+        gains: vec![GainPoint {
             density_ratio: 0.0,
             kp: 0.0,
             ki: 0.05,

@@ -94,31 +94,8 @@ impl Terms {
 /// their declaration.
 #[must_use]
 pub fn leg_fingerprint(leg: &LegModel) -> u32 {
-    let LegModel {
-        mass_kg,
-        added_mass_kg,
-        stiffness_n_m,
-        volume_m3,
-        rest_length_m,
-        max_elongation_m,
-        area_x_m2,
-        area_y_m2,
-        drag_x,
-        drag_y,
-    } = *leg;
     let mut digest = CRC.digest();
-    for parameter in [
-        mass_kg,
-        added_mass_kg,
-        stiffness_n_m,
-        volume_m3,
-        rest_length_m,
-        max_elongation_m,
-        area_x_m2,
-        area_y_m2,
-        drag_x,
-        drag_y,
-    ] {
+    for parameter in leg.figures() {
         digest.update(&parameter.to_bits().to_le_bytes());
     }
     digest.finalize()

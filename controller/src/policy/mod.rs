@@ -109,6 +109,7 @@ pub struct Provenance<'a> {
 
 /// Gains of the velocity cascade at one density; see [`crate::velocity`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct GainPoint {
     /// Fluid density over that of water at which these hold.
     pub density_ratio: f32,

@@ -2,11 +2,11 @@
 
 use super::output::{Target, print};
 use super::{Failure, failed, input};
-use crate::config::Gains;
 use crate::import::from_json;
 use crate::policy::{About, blob};
 use anyhow::{Context, anyhow};
 use clap::Args;
+use controller::policy::GainPoint;
 use std::path::PathBuf;
 
 /// The layout, in short; the documentation of `trainer::import` is the reference.
@@ -56,7 +56,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
             name.len()
         )));
     }
-    let gains = Gains {
+    let gains = GainPoint {
         density_ratio: 0.0,
         kp: 0.0,
         ki: arguments.ki,

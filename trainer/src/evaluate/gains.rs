@@ -2,7 +2,6 @@
 
 use super::tracking::{SET_POINTS, highest_speed, track};
 use super::{DENSITIES, hop, hopper};
-use crate::config::Gains;
 use controller::actor::Actor;
 use controller::policy::{GainPoint, GainSchedule};
 use controller::velocity::Cascade;
@@ -26,11 +25,11 @@ struct Score {
     tracked: usize,
 }
 
-fn candidates(density_ratio: f32) -> impl Iterator<Item = Gains> {
+fn candidates(density_ratio: f32) -> impl Iterator<Item = GainPoint> {
     KI.into_iter().flat_map(move |ki| {
         KD.into_iter().flat_map(move |kd| {
             FEED_FORWARD.into_iter().flat_map(move |feed_forward| {
-                LIMIT_M_S.into_iter().map(move |limit_m_s| Gains {
+                LIMIT_M_S.into_iter().map(move |limit_m_s| GainPoint {
                     density_ratio,
                     kp: 0.0,
                     ki,
@@ -43,8 +42,8 @@ fn candidates(density_ratio: f32) -> impl Iterator<Item = Gains> {
     })
 }
 
-fn schedule(gains: Gains) -> GainSchedule {
-    [GainPoint::from(gains)].into_iter().collect()
+fn schedule(gains: GainPoint) -> GainSchedule {
+    [gains].into_iter().collect()
 }
 
 /// The sum of errors, m/s, while the set-point jumps to and fro; `None` if the
@@ -64,7 +63,7 @@ fn error_when_switched(actor: &Actor<'_>, gains: &GainSchedule, rho: f64) -> Opt
     Some(sum)
 }
 
-fn score(actor: &Actor<'_>, gains: Gains, rho: f64) -> Score {
+fn score(actor: &Actor<'_>, gains: GainPoint, rho: f64) -> Score {
     let schedule = schedule(gains);
     let runs = SET_POINTS.map(|v| track(actor, &schedule, rho, v));
     Score {
@@ -74,15 +73,15 @@ fn score(actor: &Actor<'_>, gains: Gains, rho: f64) -> Score {
     }
 }
 
-fn best_at(actor: &Actor<'_>, rho: f64) -> Gains {
-    let all: Vec<(Gains, Score)> = candidates(rho as f32)
+fn best_at(actor: &Actor<'_>, rho: f64) -> GainPoint {
+    let all: Vec<(GainPoint, Score)> = candidates(rho as f32)
         .collect::<Vec<_>>()
         .into_par_iter()
         .map(|gains| (gains, score(actor, gains, rho)))
         .collect();
     let rank = |s: &Score| (std::cmp::Reverse(s.falls), s.tracked);
     let highest = all.iter().map(|(_, s)| rank(s)).max();
-    let equals: Vec<(Gains, f64, f64)> = all
+    let equals: Vec<(GainPoint, f64, f64)> = all
         .into_par_iter()
         .filter(|(_, s)| Some(rank(s)) == highest)
         .map(|(g, _)| {
@@ -101,6 +100,6 @@ fn best_at(actor: &Actor<'_>, rho: f64) -> Gains {
 /// that track the most set-points, of these the fastest, of these the one that
 /// follows jumps of the set-point best.
 #[must_use]
-pub fn search(actor: &Actor<'_>) -> Vec<Gains> {
+pub fn search(actor: &Actor<'_>) -> Vec<GainPoint> {
     DENSITIES.iter().map(|&rho| best_at(actor, rho)).collect()
 }
