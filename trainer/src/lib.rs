@@ -9,6 +9,7 @@ pub mod ddpg;
 pub mod environment;
 pub mod evaluate;
 pub mod explore;
+pub mod finish;
 pub mod import;
 pub mod net;
 pub mod policy;

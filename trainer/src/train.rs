@@ -47,6 +47,7 @@ pub struct Diverged {
 /// A training under way. Everything random in it comes from its one seed.
 pub struct Training {
     config: Config,
+    seed: u64,
     agent: Box<dyn Agent>,
     replay: Replay,
     noise: Noise,
@@ -80,12 +81,25 @@ impl Training {
             noise_rng: Pcg64::from_rng(&mut root),
             batch_rng: Pcg64::from_rng(&mut root),
             config,
+            seed,
             stage: 0,
             steps: 0,
             episodes: 0,
             total_steps: 0,
             total_episodes: 0,
         }
+    }
+
+    /// What is trained.
+    #[must_use]
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// Of everything random in it.
+    #[must_use]
+    pub fn seed(&self) -> u64 {
+        self.seed
     }
 
     /// Environment steps so far.

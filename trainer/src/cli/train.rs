@@ -4,9 +4,8 @@ use super::eval::{MOST_STARTS, SEED};
 use super::output::{Target, print};
 use super::{Failure, IsaArgument, failed, input};
 use crate::config::{Config, Length};
-use crate::evaluate::gains::search;
 use crate::evaluate::report::Report;
-use crate::policy::{About, blob};
+use crate::finish::Finished;
 use crate::preset::Preset;
 use crate::train::Training;
 use anyhow::{Context, anyhow};
@@ -173,10 +172,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let log = log.into_inner().map_err(|e| log_target.unwritten(e.error()))?;
     log_target.finish(log)?;
     learnt?;
+    let steps = training.total_steps();
     let stopped = || {
         failed(anyhow!(
-            "stopped by a signal after {} steps; no policy written (log: {})",
-            training.total_steps(),
+            "stopped by a signal after {steps} steps; no policy written (log: {})",
             log_path.display()
         ))
     };
@@ -184,30 +183,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         return Err(stopped());
     }
     let took = began.elapsed();
-    let (frozen, standing) = training.kept();
-    let gains = if config.gains.is_empty() {
-        let frozen = frozen.clone();
-        unless_stopped(&stop, "searching the cascade's gains…", move || search(&frozen.actor()))
-            .ok_or_else(stopped)?
-    } else {
-        config.gains.clone()
-    };
-    let bytes = blob(
-        &frozen,
-        &About {
-            name: &config.preset,
-            preset: &config.preset,
-            seed: arguments.seed,
-            steps: standing.map_or(training.total_steps(), |s| s.steps),
-            density_ratio: config.density_range(),
-            config: &config.to_toml(),
-            gains: &gains,
-        },
-    )
-    .map_err(failed)?;
+    let finished =
+        unless_stopped(&stop, "searching the cascade's gains…", move || Finished::new(&training))
+            .ok_or_else(stopped)?;
+    let bytes = finished.blob().map_err(failed)?;
     out.write(bytes.as_slice())?;
     let policy = Policy::parse(bytes.as_slice()).map_err(failed)?;
-    let (steps, seconds) = (training.total_steps(), took.as_secs_f64());
+    let seconds = took.as_secs_f64();
     print(&format!(
         "{}: {} with seed {}, {steps} steps in {seconds:.1} s ({}), CRC-32 {:08x}",
         arguments.out.display(),
@@ -216,7 +198,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         isa.name(),
         policy.crc32()
     ))?;
-    if let Some(standing) = standing {
+    if let Some(standing) = finished.standing {
         print(&format!(
             "Kept: the actor after {} steps, the best of {} evaluations.",
             standing.steps, config.selection.evaluations
