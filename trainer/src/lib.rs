@@ -5,12 +5,14 @@
 
 pub mod cli;
 pub mod config;
+pub mod curves;
 pub mod ddpg;
 pub mod environment;
 pub mod evaluate;
 pub mod explore;
 pub mod finish;
 pub mod import;
+mod lines;
 pub mod net;
 pub mod policy;
 pub mod preset;

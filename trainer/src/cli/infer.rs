@@ -2,6 +2,7 @@
 
 use super::output::Target;
 use super::{Failure, failed, input};
+use crate::lines::line_of;
 use anyhow::{Context, anyhow};
 use clap::Args;
 use controller::actor::Observation;
@@ -101,13 +102,4 @@ fn infer(policy: &Policy<'_>, source: &[u8], from: &Path) -> Result<Vec<u8>, Fai
         writer.write_record(row.map(|x| x.to_string())).map_err(failed)?;
     }
     writer.into_inner().map_err(|e| failed(e.into_error()))
-}
-
-/// The line, from 1, of the record that is read from this byte on. (The reader's own
-/// figure is that of the line before when this one ends with CR LF, or is empty.)
-fn line_of(text: &[u8], byte: u64) -> usize {
-    let newlines = |part: &[u8]| part.split(|&b| b == b'\n').skip(1).count();
-    let (before, rest) = text.split_at(text.len().min(byte as usize));
-    let blank = rest.iter().take_while(|b| matches!(b, b'\r' | b'\n')).count();
-    1 + newlines(before) + newlines(&rest[..blank])
 }

@@ -7,6 +7,7 @@ mod import;
 mod infer;
 mod inspect;
 mod output;
+mod plot;
 mod train;
 
 use clap::{Parser, Subcommand, ValueEnum};
@@ -33,6 +34,8 @@ enum Command {
     Infer(infer::Arguments),
     /// Make a policy file from an actor in JSON
     Import(import::Arguments),
+    /// Draw learning curves from the logs of trainings, as SVG
+    Plot(plot::Arguments),
     /// Measure the speed of training
     Bench(bench::Arguments),
 }
@@ -93,6 +96,7 @@ pub fn main() -> ExitCode {
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Infer(arguments) => infer::run(&arguments),
         Command::Import(arguments) => import::run(&arguments),
+        Command::Plot(arguments) => plot::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
     };
     let (error, status) = match result {
