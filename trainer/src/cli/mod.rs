@@ -2,6 +2,7 @@
 //! given cannot be used.
 
 mod bench;
+mod compare;
 mod eval;
 mod import;
 mod infer;
@@ -28,6 +29,8 @@ enum Command {
     Train(train::Arguments),
     /// Evaluate a policy: survival, stopping, tracking, highest speed
     Eval(eval::Arguments),
+    /// Compare two policies from the same starts, with confidence intervals
+    Compare(compare::Arguments),
     /// Print everything that a policy file says
     Inspect(inspect::Arguments),
     /// Actions for observations in a CSV file
@@ -93,6 +96,7 @@ pub fn main() -> ExitCode {
     let result = match cli.command {
         Command::Train(arguments) => train::run(&arguments),
         Command::Eval(arguments) => eval::run(&arguments),
+        Command::Compare(arguments) => compare::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Infer(arguments) => infer::run(&arguments),
         Command::Import(arguments) => import::run(&arguments),

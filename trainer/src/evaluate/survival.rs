@@ -35,9 +35,12 @@ pub struct Survival {
 }
 
 /// What became of one start.
-struct Run {
-    last_abs_v: Option<f64>,
-    reward5: f64,
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Run {
+    /// |v| at the last apex, m/s; `None` if it did not survive.
+    pub last_abs_v: Option<f64>,
+    /// Sum of log10(1 + 1 / |v|) over the first [`REWARDED`] steps.
+    pub reward5: f64,
 }
 
 fn run(actor: &Actor<'_>, hopper: &Hopper, density_ratio: f64, start: Apex) -> Run {
@@ -58,7 +61,17 @@ fn run(actor: &Actor<'_>, hopper: &Hopper, density_ratio: f64, start: Apex) -> R
     Run { last_abs_v: Some(apex.vx_m_s.abs()), reward5 }
 }
 
-/// Runs every start.
+/// What becomes of every start, in their order.
+#[must_use]
+pub fn runs(actor: &Actor<'_>, hopper: &Hopper, density_ratio: f64, starts: &[Apex]) -> Vec<Run> {
+    starts
+        .par_iter()
+        .with_min_len(32)
+        .map(|&start| run(actor, hopper, density_ratio, start))
+        .collect()
+}
+
+/// Runs every start and sums up.
 #[must_use]
 pub fn survival(
     actor: &Actor<'_>,
@@ -66,11 +79,7 @@ pub fn survival(
     density_ratio: f64,
     starts: &[Apex],
 ) -> Survival {
-    let runs: Vec<Run> = starts
-        .par_iter()
-        .with_min_len(32)
-        .map(|&start| run(actor, hopper, density_ratio, start))
-        .collect();
+    let runs = runs(actor, hopper, density_ratio, starts);
     let mut speeds: Vec<f64> = runs.iter().filter_map(|r| r.last_abs_v).collect();
     speeds.sort_by(f64::total_cmp);
     let count = starts.len().max(1) as f64;

@@ -1,0 +1,71 @@
+//! `trainer compare` as a user sees it.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+const ROBUST: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../controller/policies/robust.bin");
+
+fn trainer(arguments: &[&str], directory: &Path) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_trainer"))
+        .args(arguments)
+        .current_dir(directory)
+        .output()
+        .unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).unwrap()
+}
+
+#[test]
+fn a_policy_against_itself_and_against_one_that_cannot_hop() {
+    let directory = tempfile::tempdir().unwrap();
+    let run = |arguments: &[&str]| {
+        let output = trainer(arguments, directory.path());
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        text(&output.stdout)
+    };
+    let table = run(&["compare", ROBUST, ROBUST, "--starts", "100"]);
+    assert!(table.contains("A better in 0, B better in 0, no difference seen in 24."), "{table}");
+    assert!(table.contains("They do not differ at any of them."), "{table}");
+    assert_eq!(table.matches("equally fast").count(), 8, "{table}");
+
+    // The angle is always 0.25 rad, which no leg stands on.
+    std::fs::write(
+        directory.path().join("lame.json"),
+        r#"{"hidden_activation": "relu", "output": "clip(output_scale*tanh(z), low, high)",
+            "output_scale": 0.25, "low": [0.25, 0.0], "high": [0.26, 2.0],
+            "layers": [{"weights": [[0, 0, 0], [0, 0, 0]], "bias": [0, 0]}]}"#,
+    )
+    .unwrap();
+    run(&["import", "--json", "lame.json", "--out", "lame.bin"]);
+    let json = run(&["compare", "lame.bin", ROBUST, "--starts", "100", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(json["starts"], 100);
+    for density in json["densities"].as_array().unwrap() {
+        let survive = &density["survive30"];
+        assert_eq!(survive["verdict"], "b-better", "{density}");
+        assert_eq!(survive["a"]["value"], 0.0, "{density}");
+        assert!(survive["difference"]["low"].as_f64().unwrap() > 0.8, "{density}");
+        assert!(density["abs_v_median"].is_null(), "{density}");
+    }
+    assert_eq!(json["tracked"][0]["tracked"], 0);
+    let differing = json["tracking_differs"].as_array().unwrap().len();
+    assert_eq!(differing, 42, "one falls everywhere, the other nowhere");
+}
+
+#[test]
+fn what_cannot_be_compared_is_named_with_status_2() {
+    let directory = tempfile::tempdir().unwrap();
+    std::fs::write(directory.path().join("not.bin"), "0123456789012345678901").unwrap();
+    for (arguments, said) in [
+        (["compare", ROBUST, "none.bin", "--seed=1"], "none.bin"),
+        (["compare", "not.bin", ROBUST, "--seed=1"], "not.bin is not a policy to run"),
+        (["compare", ROBUST, ROBUST, "--starts=99"], "100..=1000000"),
+    ] {
+        let output = trainer(&arguments, directory.path());
+        let error = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{error}");
+        assert!(error.contains(said), "{error}");
+    }
+}
