@@ -15,5 +15,6 @@ pub mod net;
 pub mod policy;
 pub mod preset;
 pub mod replay;
+pub mod run;
 pub mod simd;
 pub mod train;

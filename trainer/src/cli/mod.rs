@@ -2,6 +2,7 @@
 //! given cannot be used.
 
 mod bench;
+mod config;
 mod eval;
 mod import;
 mod infer;
@@ -25,6 +26,8 @@ struct Cli {
 enum Command {
     /// Train a policy; the same seed gives the same file, bit for bit
     Train(train::Arguments),
+    /// Show and check configurations
+    Config(config::Arguments),
     /// Evaluate a policy: survival, stopping, tracking, highest speed
     Eval(eval::Arguments),
     /// Print everything that a policy file says
@@ -89,6 +92,7 @@ pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let result = match cli.command {
         Command::Train(arguments) => train::run(&arguments),
+        Command::Config(arguments) => config::run(&arguments),
         Command::Eval(arguments) => eval::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Infer(arguments) => infer::run(&arguments),
