@@ -189,6 +189,3 @@ fn difference(path: &str, one: &Value, other: &Value) -> Option<String> {
         _ => (one != other).then(|| format!("{path} is {one} in one and {other} in the other")),
     }
 }
-
-#[cfg(test)]
-mod tests;

@@ -45,7 +45,9 @@ pub struct Checkpoint {
 }
 
 impl Checkpoint {
-    pub(super) fn new(training: &Training, recent: Recent, log: Mark, log_path: &Path) -> Self {
+    /// Of a training between two episodes, and what goes with it.
+    #[must_use]
+    pub fn new(training: &Training, recent: Recent, log: Mark, log_path: &Path) -> Self {
         Self {
             trainer: TRAINER.into(),
             seed: training.seed(),

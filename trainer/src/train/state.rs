@@ -30,7 +30,7 @@ pub struct TrainingState {
 
 /// A state of another training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("its {0} is not that of a training with its configuration")]
+#[error("its state does not fit its configuration ({0})")]
 pub struct Unfit(&'static str);
 
 impl Training {

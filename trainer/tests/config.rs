@@ -1,8 +1,8 @@
-//! Printed, read again, and refused.
+//! Configurations: printed, read again, and refused.
 
-use crate::config::{Config, ReadError};
-use crate::preset::Preset;
 use clap::ValueEnum;
+use trainer::config::{Config, ReadError};
+use trainer::preset::Preset;
 
 fn presets() -> impl Iterator<Item = Config> {
     Preset::value_variants().iter().map(|preset| preset.config())
