@@ -1,4 +1,14 @@
 //! Every figure of a training, as it is stored in the policy it makes.
+//!
+//! A new figure is a field here, a row in the table of `config/keys.rs` (its
+//! comment and its range), and a value in each preset.
+
+mod check;
+mod keys;
+mod text;
+
+pub use check::ConfigError;
+pub use text::{ReadError, SetError};
 
 use controller::policy::GainPoint;
 use serde::{Deserialize, Serialize};
@@ -249,128 +259,4 @@ pub struct Selection {
     pub evaluations: u64,
     /// Starts for each density of an evaluation, drawn for the selection alone.
     pub starts: usize,
-}
-
-/// Why a configuration cannot be trained.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum ConfigError {
-    /// A figure out of its range.
-    #[error("{key} is {value}, but must be {limit}; correct the configuration")]
-    OutOfRange {
-        /// The figure's key.
-        key: &'static str,
-        /// What it is.
-        value: String,
-        /// What it may be.
-        limit: &'static str,
-    },
-}
-
-impl Config {
-    /// As TOML, complete.
-    ///
-    /// # Panics
-    /// Never: every field has a TOML form.
-    #[must_use]
-    pub fn to_toml(&self) -> String {
-        toml::to_string(self).expect("every field has a TOML form")
-    }
-
-    /// Whether all figures are in range.
-    ///
-    /// # Errors
-    /// The first figure that is not.
-    pub fn check(&self) -> Result<(), ConfigError> {
-        let l = &self.learning;
-        let share = |x: f64| (0.0..=1.0).contains(&x);
-        let rate = |x: f32| x > 0.0 && x <= 1.0;
-        let e = &self.episode;
-        let lengths = self.stages.iter().all(|s| match s.length {
-            Length::Episodes(n) | Length::Steps(n) => n > 0,
-        });
-        let steps = matches!(self.stages.last(), Some(Stage { length: Length::Steps(_), .. }));
-        let figures: [(bool, &'static str, String, &'static str); 14] = [
-            (matches!(l.batch, 32 | 64), "learning.batch", l.batch.to_string(), "32 or 64"),
-            (
-                (0.0..1.0).contains(&l.discount),
-                "learning.discount",
-                l.discount.to_string(),
-                "from 0 to below 1",
-            ),
-            (
-                rate(l.target_smoothing),
-                "learning.target_smoothing",
-                l.target_smoothing.to_string(),
-                "above 0, at most 1",
-            ),
-            (
-                rate(l.actor_learning_rate),
-                "learning.actor_learning_rate",
-                l.actor_learning_rate.to_string(),
-                "above 0, at most 1",
-            ),
-            (
-                rate(l.critic_learning_rate),
-                "learning.critic_learning_rate",
-                l.critic_learning_rate.to_string(),
-                "above 0, at most 1",
-            ),
-            (
-                rate(l.final_learning_rate),
-                "learning.final_learning_rate",
-                l.final_learning_rate.to_string(),
-                "above 0, at most 1",
-            ),
-            (
-                (1..=u32::MAX as usize).contains(&l.replay_capacity),
-                "learning.replay_capacity",
-                l.replay_capacity.to_string(),
-                "from 1 to 4294967295",
-            ),
-            (
-                l.steps_per_update > 0,
-                "learning.steps_per_update",
-                l.steps_per_update.to_string(),
-                "at least 1",
-            ),
-            (
-                l.max_gradient_norm > 0.0,
-                "learning.max_gradient_norm",
-                l.max_gradient_norm.to_string(),
-                "above 0",
-            ),
-            (
-                share(e.low_share)
-                    && share(e.uniform_share)
-                    && share(e.low_share + e.uniform_share),
-                "episode.low_share + episode.uniform_share",
-                (e.low_share + e.uniform_share).to_string(),
-                "from 0 to 1",
-            ),
-            (e.max_steps > 0, "episode.max_steps", e.max_steps.to_string(), "at least 1"),
-            (
-                self.reward.height_m > 1.0,
-                "reward.height_m",
-                self.reward.height_m.to_string(),
-                "above 1",
-            ),
-            (
-                lengths && !self.stages.is_empty(),
-                "stages",
-                self.stages.len().to_string(),
-                "at least one, each at least 1 long",
-            ),
-            (
-                self.selection.evaluations == 0 || (steps && self.selection.starts > 0),
-                "selection.evaluations",
-                self.selection.evaluations.to_string(),
-                "0, unless the last stage is counted in steps and selection.starts is above 0",
-            ),
-        ];
-        match figures.into_iter().find(|(fine, ..)| !fine) {
-            None => Ok(()),
-            Some((_, key, value, limit)) => Err(ConfigError::OutOfRange { key, value, limit }),
-        }
-    }
 }

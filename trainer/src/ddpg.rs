@@ -1,5 +1,9 @@
 //! Deep deterministic policy gradient: the agent and its update.
 
+mod memory;
+
+pub use memory::Memory;
+
 use rand::Rng;
 use rand_pcg::Pcg64;
 
@@ -55,14 +59,6 @@ pub struct Update {
     pub actor_gradient_norm: f32,
 }
 
-impl Update {
-    /// Whether training has diverged.
-    #[must_use]
-    pub fn is_finite(&self) -> bool {
-        self.critic_gradient_norm.is_finite() && self.actor_gradient_norm.is_finite()
-    }
-}
-
 /// A DDPG agent of any shape.
 pub trait Agent: Send {
     /// The action in unit space for a scaled observation, without exploration.
@@ -75,6 +71,10 @@ pub trait Agent: Send {
     fn actor(&self, averaged: bool) -> [Layer; 3];
     /// Samples in a batch.
     fn batch(&self) -> usize;
+    /// All that outlives an update.
+    fn memory(&self) -> Memory;
+    /// Goes on from the memory of an agent of the same shape; false when it is not.
+    fn remember(&mut self, memory: &Memory) -> bool;
 }
 
 /// A DDPG agent whose critic is `Mlp<X, H, E, 1, P>`, with batches of `B`.
@@ -335,6 +335,14 @@ impl<const X: usize, const H: usize, const E: usize, const P: usize, const B: us
 
     fn batch(&self) -> usize {
         B
+    }
+
+    fn memory(&self) -> Memory {
+        self.memory()
+    }
+
+    fn remember(&mut self, memory: &Memory) -> bool {
+        self.remember(memory)
     }
 }
 

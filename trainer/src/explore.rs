@@ -3,6 +3,7 @@
 use crate::config::Exploration;
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
+use serde::{Deserialize, Serialize};
 
 /// The noise and its memory.
 #[derive(Clone, Debug)]
@@ -11,6 +12,13 @@ pub struct Noise {
     /// Standard deviation at present.
     deviation: f32,
     /// State of the Ornstein-Uhlenbeck process.
+    state: [f32; 2],
+}
+
+/// The memory of the noise, as it is kept in a checkpoint.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub struct NoiseState {
+    deviation: f32,
     state: [f32; 2],
 }
 
@@ -23,6 +31,18 @@ impl Noise {
             Exploration::Gaussian { deviation } => deviation[1],
         };
         Self { kind: kind.clone(), deviation, state: [0.0; 2] }
+    }
+
+    /// What it remembers.
+    #[must_use]
+    pub fn state(&self) -> NoiseState {
+        NoiseState { deviation: self.deviation, state: self.state }
+    }
+
+    /// Goes on from what another of the same kind remembered.
+    #[must_use]
+    pub fn from_state(kind: &Exploration, state: NoiseState) -> Self {
+        Self { kind: kind.clone(), deviation: state.deviation, state: state.state }
     }
 
     /// At the start of an episode.

@@ -17,5 +17,6 @@ pub mod net;
 pub mod policy;
 pub mod preset;
 pub mod replay;
+pub mod run;
 pub mod simd;
 pub mod train;

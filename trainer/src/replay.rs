@@ -1,6 +1,7 @@
 //! The replay buffer: transitions kept, and drawn from at random.
 
 use rand::Rng;
+use serde::{Deserialize, Serialize};
 
 use crate::net::Row;
 
@@ -18,6 +19,49 @@ pub struct Transition {
     pub next: [f32; 3],
     /// 1, or 0 where the episode ended for good, so that nothing follows.
     pub continues: f32,
+}
+
+impl Transition {
+    /// Numbers in one.
+    const NUMBERS: usize = 10;
+
+    fn numbers(&self) -> [f32; Self::NUMBERS] {
+        let ([a, b, c], [d, e], [f, g, h]) = (self.observation, self.action, self.next);
+        [a, b, c, d, e, self.reward, f, g, h, self.continues]
+    }
+
+    fn from_numbers(numbers: [f32; Self::NUMBERS]) -> Self {
+        let [a, b, c, d, e, reward, f, g, h, continues] = numbers;
+        Self { observation: [a, b, c], action: [d, e], reward, next: [f, g, h], continues }
+    }
+}
+
+/// A replay buffer as it is kept in a checkpoint.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct ReplayState {
+    /// Transition by transition, ten numbers each.
+    #[serde(with = "bytes")]
+    numbers: Vec<f32>,
+    oldest: usize,
+}
+
+/// Many numbers as one run of bytes, little-endian: item by item is slow.
+pub(crate) mod bytes {
+    use serde::{Deserializer, Serializer, de::Error};
+
+    pub(crate) fn serialize<S: Serializer>(numbers: &[f32], to: S) -> Result<S::Ok, S::Error> {
+        let bytes: Vec<u8> = numbers.iter().flat_map(|x| x.to_le_bytes()).collect();
+        serde_bytes::serialize(&bytes, to)
+    }
+
+    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<f32>, D::Error> {
+        let bytes: &[u8] = serde_bytes::deserialize(from)?;
+        let (numbers, rest) = bytes.as_chunks::<4>();
+        if !rest.is_empty() {
+            return Err(D::Error::custom("bytes that are no numbers"));
+        }
+        Ok(numbers.iter().map(|x| f32::from_le_bytes(*x)).collect())
+    }
 }
 
 /// The latest transitions, up to a capacity.
@@ -70,6 +114,23 @@ impl Replay {
             self.kept[self.oldest] = transition;
             self.oldest = (self.oldest + 1) % self.capacity;
         }
+    }
+
+    /// What is in it.
+    #[must_use]
+    pub fn state(&self) -> ReplayState {
+        let mut numbers = Vec::with_capacity(Transition::NUMBERS * self.kept.len());
+        self.kept.iter().for_each(|t| numbers.extend(t.numbers()));
+        ReplayState { numbers, oldest: self.oldest }
+    }
+
+    /// With what was in another of the same capacity; `None` when it does not fit.
+    #[must_use]
+    pub fn from_state(capacity: usize, state: &ReplayState) -> Option<Self> {
+        let (transitions, rest) = state.numbers.as_chunks::<{ Transition::NUMBERS }>();
+        let kept: Vec<_> = transitions.iter().map(|t| Transition::from_numbers(*t)).collect();
+        let fits = rest.is_empty() && kept.len() <= capacity && state.oldest < capacity;
+        fits.then_some(Self { kept, capacity, oldest: state.oldest })
     }
 
     /// Draws a batch, with replacement. With `mirror`, each sample is reflected

@@ -1,5 +1,9 @@
 //! A training from its first step to the actor that is kept.
 
+mod state;
+
+pub use state::{TrainingState, Unfit};
+
 use crate::config::{Config, Critic, InitialWeights, Length};
 use crate::ddpg::{
     ACTOR_HIDDEN, Agent, JointDdpg50, JointDdpg100, PaperDdpg, Rates, UnitOutput, Update,
@@ -35,13 +39,45 @@ pub struct EpisodeRecord {
 }
 
 /// Training went to infinity.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "training diverged at step {step} (a gradient is not finite): lower the learning rates, or take another seed"
-)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error("training diverged at step {step}: {seen}; lower the learning rates, or take another seed")]
 pub struct Diverged {
     /// The environment step.
     pub step: u64,
+    /// What was not finite.
+    pub seen: NotFinite,
+}
+
+/// What is not finite in a training that diverged.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum NotFinite {
+    /// In an update, before clipping.
+    #[error("the norm of the critic's gradient is {0}")]
+    CriticGradient(f32),
+    /// In an update, before clipping.
+    #[error("the norm of the actor's gradient is {0}")]
+    ActorGradient(f32),
+    /// The action that is explored from, in unit space: of weights that are not finite.
+    #[error("the actor's action is {0:?}")]
+    Action([f32; 2]),
+    /// The critic's value of an episode's start: of weights that are not finite.
+    #[error("the critic's value is {0}")]
+    Value(f32),
+    /// A step's: the velocity was exactly 0, and no `reward.cap` is set.
+    #[error("a reward is {0} (a finite reward.cap bounds it)")]
+    Reward(f64),
+}
+
+impl Update {
+    /// What is not finite in it.
+    #[must_use]
+    pub fn not_finite(&self) -> Option<NotFinite> {
+        let (critic, actor) = (self.critic_gradient_norm, self.actor_gradient_norm);
+        if !critic.is_finite() {
+            return Some(NotFinite::CriticGradient(critic));
+        }
+        (!actor.is_finite()).then_some(NotFinite::ActorGradient(actor))
+    }
 }
 
 /// A training under way. Everything random in it comes from its one seed.
@@ -62,6 +98,8 @@ pub struct Training {
     episodes: u64,
     total_steps: u64,
     total_episodes: u64,
+    total_updates: u64,
+    latest_update: Option<Update>,
 }
 
 impl Training {
@@ -87,6 +125,8 @@ impl Training {
             episodes: 0,
             total_steps: 0,
             total_episodes: 0,
+            total_updates: 0,
+            latest_update: None,
         }
     }
 
@@ -108,11 +148,39 @@ impl Training {
         self.total_steps
     }
 
-    /// Share of the stage done, from 0, and whether it is counted in steps.
-    fn progress(&self) -> (f64, bool) {
-        match self.config.stages[self.stage].length {
-            Length::Steps(n) => (self.steps as f64 / n as f64, true),
-            Length::Episodes(n) => (self.episodes as f64 / n as f64, false),
+    /// Updates so far, over all stages.
+    #[must_use]
+    pub fn total_updates(&self) -> u64 {
+        self.total_updates
+    }
+
+    /// What the latest update saw; `None` before the first of this process.
+    #[must_use]
+    pub fn latest_update(&self) -> Option<Update> {
+        self.latest_update
+    }
+
+    /// What evaluates and keeps the best actor, where there is one.
+    #[must_use]
+    pub fn selector(&self) -> Option<&Selector> {
+        self.selector.as_ref()
+    }
+
+    /// The actor's action in unit space for an observation in its own units
+    /// (m/s, m, density ratio), without exploration.
+    pub fn act(&mut self, observation: [f32; 3]) -> [f32; 2] {
+        let n = &self.config.network;
+        let scaled = |i: usize| (observation[i] - n.observation_offset[i]) * n.observation_scale[i];
+        self.agent.act([0, 1, 2].map(scaled))
+    }
+
+    /// Share of the present stage done, from 0 to 1; 1 after the last.
+    #[must_use]
+    pub fn share_of_stage(&self) -> f64 {
+        match self.config.stages.get(self.stage).map(|stage| stage.length) {
+            Some(Length::Steps(n)) => self.steps as f64 / n as f64,
+            Some(Length::Episodes(n)) => self.episodes as f64 / n as f64,
+            None => 1.0,
         }
     }
 
@@ -123,13 +191,13 @@ impl Training {
         if self.stage == stages {
             return 1.0;
         }
-        (self.stage as f64 + self.progress().0.min(1.0)) / stages as f64
+        (self.stage as f64 + self.share_of_stage().min(1.0)) / stages as f64
     }
 
     /// The next episode; `None` when all stages are done.
     ///
     /// # Errors
-    /// [`Diverged`] when a gradient is not finite.
+    /// [`Diverged`] when a gradient, a reward, an action or a value is not finite.
     pub fn episode(&mut self) -> Result<Option<EpisodeRecord>, Diverged> {
         if self.stage == self.config.stages.len() {
             return Ok(None);
@@ -148,7 +216,7 @@ impl Training {
                 selector.consider(frozen, self.total_steps);
             }
         }
-        if self.progress().0 >= 1.0 {
+        if self.share_of_stage() >= 1.0 {
             self.stage += 1;
             self.steps = 0;
             self.episodes = 0;
@@ -182,6 +250,13 @@ impl Training {
             steps: 0,
             q0: self.agent.value(start, first),
         };
+        let diverged = |step, seen| Err(Diverged { step, seen });
+        if !first.iter().all(|u| u.is_finite()) {
+            return diverged(self.total_steps, NotFinite::Action(first));
+        }
+        if !record.q0.is_finite() {
+            return diverged(self.total_steps, NotFinite::Value(record.q0));
+        }
         let last = match stage.length {
             Length::Steps(n) => n,
             Length::Episodes(_) => u64::MAX,
@@ -201,6 +276,9 @@ impl Training {
             self.total_steps += 1;
             record.steps += 1;
             record.reward += outcome.reward;
+            if !outcome.reward.is_finite() {
+                return diverged(self.total_steps, NotFinite::Reward(outcome.reward));
+            }
             self.replay.push(Transition {
                 observation,
                 action,
@@ -215,8 +293,10 @@ impl Training {
             {
                 let rates = rates(config, self.steps, stage.length);
                 let update = self.agent.update(&self.replay, &rates, &mut self.batch_rng);
-                if !update.is_finite() {
-                    return Err(Diverged { step: self.total_steps });
+                self.total_updates += 1;
+                self.latest_update = Some(update);
+                if let Some(seen) = update.not_finite() {
+                    return diverged(self.total_steps, seen);
                 }
             }
             if outcome.ended {

@@ -149,12 +149,46 @@ fn a_signal_stops_a_training_in_good_order() {
     let error = text(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{error}");
     assert!(error.starts_with("trainer: stopped by a signal after "), "{error}");
-    assert!(error.contains("no policy written (log: p.csv)"), "{error}");
-    let files: Vec<_> =
+    assert!(
+        error.contains("no policy written; go on with: trainer train --resume --out p.bin"),
+        "{error}"
+    );
+    let mut files: Vec<_> =
         std::fs::read_dir(directory.path()).unwrap().map(|f| f.unwrap().file_name()).collect();
-    assert_eq!(files, ["p.csv"]);
-    let log = std::fs::read_to_string(directory.path().join("p.csv")).unwrap();
-    assert!(log.lines().count() > 1 && log.ends_with('\n'), "{log}");
+    files.sort();
+    assert_eq!(files, ["p.bin.checkpoint", "p.csv.part"]);
+}
+
+#[test]
+fn a_printed_configuration_trains_the_same_policy() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name);
+    let run = |line: &str| {
+        let arguments: Vec<&str> = line.split(' ').collect();
+        trainer(&arguments, directory.path())
+    };
+    let shown = run("config show --preset water --set stages.0.length.episodes=20");
+    std::fs::write(path("c.toml"), &shown.stdout).unwrap();
+    assert!(run("config check c.toml").status.success());
+    for line in ["--config c.toml --out c.bin", "--preset water --episodes 20 --out p.bin"] {
+        let output = run(&format!("train --seed 3 --eval-starts 0 {line}"));
+        assert!(output.status.success(), "{line}: {}", text(&output.stderr));
+    }
+    assert!(std::fs::read(path("c.bin")).unwrap() == std::fs::read(path("p.bin")).unwrap());
+    std::fs::write(path("bad.toml"), text(&shown.stdout).replace("= 32", "= 33")).unwrap();
+    for (line, said) in [
+        ("config check bad.toml", "bad.toml: learning.batch is 33, but must be 32 or 64"),
+        ("train --config bad.toml --out x.bin", "bad.toml: learning.batch is 33"),
+        ("train --config c.toml --preset air --out x.bin", "cannot be used with"),
+        ("train --out x.bin", "give --preset NAME or --config FILE"),
+        ("train --preset air --out x.bin --set learning.bach=1", "--set learning.bach=1: no key"),
+        ("train --preset air --out x.bin --set reward.cap=0", "reward.cap is 0, but must be"),
+        ("train --preset air --out x.bin --checkpoint-every=-1", "from 0 to 1000000"),
+    ] {
+        let output = run(line);
+        assert_eq!(output.status.code(), Some(2), "{line}: {}", text(&output.stderr));
+        assert!(text(&output.stderr).contains(said), "{line}: {}", text(&output.stderr));
+    }
 }
 
 #[test]

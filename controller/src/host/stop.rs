@@ -14,13 +14,14 @@ pub struct Stop(Arc<AtomicBool>);
 impl Stop {
     /// Raised by SIGINT, SIGTERM and SIGHUP (a closed terminal), so that loops
     /// end, and shared memory is given back. A second signal ends the process
-    /// at once, with status 1.
+    /// at once, with status 1. Where SIGHUP is ignored, as under `nohup`, it stays so.
     ///
     /// # Errors
     /// When the system refuses the handlers.
     pub fn on_signals() -> io::Result<Self> {
         let stop = Self::default();
-        for signal in [SIGINT, SIGTERM, SIGHUP] {
+        let hang_up = (!is_ignored(SIGHUP)).then_some(SIGHUP);
+        for signal in [SIGINT, SIGTERM].into_iter().chain(hang_up) {
             // In this order: the second signal must find the flag raised by the first.
             flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop.0))?;
             flag::register(signal, Arc::clone(&stop.0))?;
@@ -37,5 +38,30 @@ impl Stop {
     #[must_use]
     pub fn is_raised(&self) -> bool {
         self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// Whether this process ignores a signal, as it may from its start; false where
+/// the system does not tell.
+fn is_ignored(signal: i32) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    ignored_mask(&status).is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
+}
+
+/// The signals ignored, one bit each from signal 1, in the text of `/proc/PID/status`.
+fn ignored_mask(status: &str) -> Option<u64> {
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"))?;
+    u64::from_str_radix(mask.trim(), 16).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::ignored_mask;
+
+    #[test]
+    fn the_signals_ignored_are_read_from_the_status() {
+        let status = "Name:\ttrainer\nSigBlk:\t0000000000000002\nSigIgn:\t0000000000001001\n";
+        assert_eq!(ignored_mask(status), Some(0x1001));
+        assert_eq!(ignored_mask("Name:\ttrainer\n"), None);
     }
 }

@@ -100,9 +100,10 @@ fn updates(preset: Preset, isa: Isa) -> Result<Quantiles, Diverged> {
     while training.total_steps() < 20_000 {
         training.episode()?;
     }
-    let mut failed = false;
-    let quantiles = timed(|| failed |= !training.update().is_finite());
-    if failed { Err(Diverged { step: training.total_steps() }) } else { Ok(quantiles) }
+    let mut seen = None;
+    let quantiles = timed(|| seen = seen.or(training.update().not_finite()));
+    let step = training.total_steps();
+    seen.map_or(Ok(quantiles), |seen| Err(Diverged { step, seen }))
 }
 
 fn environment_steps() -> Quantiles {

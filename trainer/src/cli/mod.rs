@@ -3,6 +3,7 @@
 
 mod bench;
 mod compare;
+mod config;
 mod eval;
 mod import;
 mod infer;
@@ -27,6 +28,8 @@ struct Cli {
 enum Command {
     /// Train a policy; the same seed gives the same file, bit for bit
     Train(train::Arguments),
+    /// Show and check configurations
+    Config(config::Arguments),
     /// Evaluate a policy: survival, stopping, tracking, highest speed
     Eval(eval::Arguments),
     /// Compare two policies from the same starts, with confidence intervals
@@ -95,6 +98,7 @@ pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let result = match cli.command {
         Command::Train(arguments) => train::run(&arguments),
+        Command::Config(arguments) => config::run(&arguments),
         Command::Eval(arguments) => eval::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),

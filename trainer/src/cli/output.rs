@@ -20,14 +20,9 @@ impl Target<'_> {
         failed(anyhow!("{path}: cannot be written: {error}; name another place with {option}"))
     }
 
-    /// Begins a file that gets its name when it is [finished](Self::finish).
+    /// Begins a file, which gets its name when it is finished.
     pub(crate) fn begin(&self) -> Result<Pending, Failure> {
         Pending::create(self.path).map_err(|e| self.unwritten(&e))
-    }
-
-    /// Gives a file its name.
-    pub(crate) fn finish(&self, file: Pending) -> Result<(), Failure> {
-        file.finish().map_err(|e| self.unwritten(&e))
     }
 
     /// Writes a whole file.

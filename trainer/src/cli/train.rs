@@ -1,35 +1,36 @@
 //! `trainer train`
 
+use super::config::Choice;
 use super::eval::{MOST_STARTS, SEED};
 use super::output::{Target, print};
 use super::{Failure, IsaArgument, failed, input};
 use crate::config::{Config, Length};
 use crate::evaluate::report::Report;
 use crate::finish::Finished;
-use crate::preset::Preset;
-use crate::train::Training;
+use crate::run::checkpoint::{self, Checkpoint};
+use crate::run::error::RunError;
+use crate::run::{Ended, Places, Run};
 use anyhow::{Context, anyhow};
 use clap::Args;
 use controller::host::Stop;
 use controller::host::blob::AlignedBytes;
 use controller::policy::{ParseError, Policy};
 use indicatif::{ProgressBar, ProgressStyle};
-use sim_host::output::Pending;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
-/// The progress bar counts in thousandths.
-const BAR: f64 = 1000.0;
+/// Longest stage that can be asked for.
+const LONGEST: u64 = 1_000_000_000_000;
 
 #[derive(Debug, Args)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a flag of the command line")]
 pub(super) struct Arguments {
-    /// What to train
+    #[command(flatten)]
+    choice: Choice,
+    /// Seed of everything random [default: 0]
     #[arg(long)]
-    preset: Preset,
-    /// Seed of everything random
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
+    seed: Option<u64>,
     /// The policy file to write
     #[arg(long)]
     out: PathBuf,
@@ -37,12 +38,31 @@ pub(super) struct Arguments {
     /// policy file's name with .csv]
     #[arg(long)]
     log: Option<PathBuf>,
-    /// Length of the last stage in environment steps, instead of the preset's
-    #[arg(long, value_parser = clap::value_parser!(u64).range(1..), conflicts_with = "episodes")]
+    /// Folder to write TensorBoard event files to
+    #[arg(long, value_name = "DIR")]
+    tensorboard: Option<PathBuf>,
+    /// Length of the last stage in environment steps, instead of the configuration's
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=LONGEST), conflicts_with = "episodes")]
     steps: Option<u64>,
-    /// Length of the last stage in episodes, instead of the preset's
-    #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
+    /// Length of the last stage in episodes, instead of the configuration's
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=LONGEST))]
     episodes: Option<u64>,
+    /// Seconds between checkpoints, beside --out; 0 for none
+    #[arg(long, value_name = "SECONDS", default_value = "30", value_parser = seconds)]
+    checkpoint_every: f64,
+    /// Go on from the checkpoint beside --out; where there is none, begin what
+    /// --preset or --config says
+    #[arg(long, conflicts_with = "restart")]
+    resume: bool,
+    /// Begin anew where there is a checkpoint beside --out, which is lost
+    #[arg(long)]
+    restart: bool,
+    /// Go on training when it has collapsed
+    #[arg(long)]
+    allow_collapse: bool,
+    /// Say nothing of the progress
+    #[arg(long)]
+    quiet: bool,
     /// Starts at each density of the evaluation at the end, at most 1000000; 0 for none
     #[arg(
         long,
@@ -55,9 +75,17 @@ pub(super) struct Arguments {
     isa: IsaArgument,
 }
 
+fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(s) if (0.0..=1e6).contains(&s) => Ok(s),
+        _ => Err("expected seconds, from 0 to 1000000".into()),
+    }
+}
+
 impl Arguments {
-    fn config(&self) -> Result<Config, Failure> {
-        let mut config = self.preset.config();
+    /// The configuration asked for; where none is named, changes to `otherwise`.
+    fn config(&self, otherwise: Option<&Config>) -> Result<Config, Failure> {
+        let mut config = self.choice.config(otherwise)?;
         if let Some(last) = config.stages.last_mut() {
             if let Some(n) = self.steps {
                 last.length = Length::Steps(n);
@@ -73,13 +101,56 @@ impl Arguments {
                 last.length = Length::Episodes(n);
             }
         }
-        config.check().context("--preset").map_err(input)?;
+        let options = self.choice.options();
+        config.check().map_err(|e| input(anyhow!("{options}: {e}")))?;
         Ok(config)
     }
 
+    /// The checkpoint to go on from, if there is one to.
+    fn checkpoint(&self) -> Result<Option<Checkpoint>, Failure> {
+        let path = checkpoint::path(&self.out);
+        if self.restart || !path.exists() {
+            if self.resume && !self.choice.is_made() {
+                return Err(input(anyhow!(
+                    "--resume: there is no checkpoint {}; give --preset or --config to begin",
+                    path.display()
+                )));
+            }
+            return Ok(None);
+        }
+        if !self.resume {
+            return Err(input(anyhow!(
+                "{}: a training with this --out is not over; go on with --resume, or give it up \
+                 with --restart",
+                path.display()
+            )));
+        }
+        Checkpoint::read(&self.out).map_err(failure)
+    }
+
+    /// Whether what is given beside --resume contradicts the checkpoint.
+    fn agree(&self, checkpoint: &Checkpoint) -> Result<(), Failure> {
+        let there = checkpoint.config(&checkpoint::path(&self.out)).map_err(failure)?;
+        if let Some(seed) = self.seed.filter(|&seed| seed != checkpoint.seed) {
+            let there = checkpoint.seed;
+            return Err(input(anyhow!("--seed {seed}: the checkpoint's is {there}; leave it out")));
+        }
+        match there.difference(&self.config(Some(&there))?) {
+            None => Ok(()),
+            Some(what) => Err(input(anyhow!(
+                "--resume: the checkpoint is of another configuration ({what}, the checkpoint's \
+                 first); leave --preset, --config, --set, --steps and --episodes out"
+            ))),
+        }
+    }
+
     /// Where the log goes: never where the policy goes.
-    fn log(&self) -> Result<PathBuf, Failure> {
-        let path = self.log.clone().unwrap_or_else(|| self.out.with_extension("csv"));
+    fn log(&self, checkpoint: Option<&Checkpoint>) -> Result<PathBuf, Failure> {
+        let path = match (&self.log, checkpoint) {
+            (Some(path), _) => path.clone(),
+            (None, Some(checkpoint)) => checkpoint.log_path.clone(),
+            (None, None) => self.out.with_extension("csv"),
+        };
         if place(&path) != place(&self.out) {
             return Ok(path);
         }
@@ -93,6 +164,15 @@ impl Arguments {
             )
         }))
     }
+
+    /// How to go on with a training that was stopped.
+    fn how_to_resume(&self) -> String {
+        if self.checkpoint_every > 0.0 {
+            format!("go on with: trainer train --resume --out {}", self.out.display())
+        } else {
+            "with --checkpoint-every 0 it cannot be gone on with".into()
+        }
+    }
 }
 
 /// A file's place, whatever it is called by, and whether or not it is there.
@@ -104,23 +184,8 @@ fn place(path: &Path) -> PathBuf {
     path.canonicalize().ok().or_else(in_folder).unwrap_or_else(|| path.to_owned())
 }
 
-/// Trains to the end, with a row of the log for every episode, unless a signal
-/// asks to stop.
-fn learn(
-    training: &mut Training,
-    log: &mut csv::Writer<Pending>,
-    target: Target<'_>,
-    stop: &Stop,
-) -> Result<(), Failure> {
-    let bar = progress_bar();
-    while !stop.is_raised()
-        && let Some(record) = training.episode().map_err(failed)?
-    {
-        log.serialize(record).map_err(|e| target.unwritten(&e.into()))?;
-        bar.set_position((BAR * training.share_done()) as u64);
-    }
-    bar.finish_and_clear();
-    Ok(())
+fn failure(error: RunError) -> Failure {
+    if error.is_input() { input(error) } else { failed(error) }
 }
 
 /// Does work that takes seconds, with a word of it on a terminal; `None` when a
@@ -154,48 +219,66 @@ fn unless_stopped<T: Send + 'static>(
     result
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let config = arguments.config()?;
+/// Begins the training, or goes on with it; what is refused is refused here.
+fn open(arguments: &Arguments) -> Result<Run, Failure> {
     let isa = arguments.isa.isa()?;
-    let log_path = arguments.log()?;
-    let out = Target { path: &arguments.out, option: "--out" };
-    let log_target = Target { path: &log_path, option: "--log" };
+    let checkpoint = arguments.checkpoint()?;
+    let every = arguments.checkpoint_every;
+    let places = Places {
+        out: arguments.out.clone(),
+        log: arguments.log(checkpoint.as_ref())?,
+        tensorboard: arguments.tensorboard.clone(),
+        checkpoint_every: (every > 0.0).then(|| Duration::from_secs_f64(every)),
+        quiet: arguments.quiet,
+        allow_collapse: arguments.allow_collapse,
+    };
+    let run = if let Some(checkpoint) = checkpoint {
+        arguments.agree(&checkpoint)?;
+        Run::resume(checkpoint, isa, &places)
+    } else {
+        let config = arguments.config(None)?;
+        // Before the training, not after it: whether there is anywhere to write to.
+        drop(Target { path: &arguments.out, option: "--out" }.begin()?);
+        Run::begin(config, arguments.seed.unwrap_or(0), isa, &places)
+    };
+    run.map_err(failure)
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     // Before there is any file: a signal must leave none half made.
     let stop = Stop::on_signals().context("signals").map_err(failed)?;
-    // Before the training, not after it: whether there is anywhere to write to.
-    drop(out.begin()?);
-    let mut log = csv::Writer::from_writer(log_target.begin()?);
     let began = Instant::now();
-    let mut training = Training::new(config.clone(), arguments.seed, isa);
-    let learnt = learn(&mut training, &mut log, log_target, &stop);
-    // Also of a training that diverged or was stopped: the log says how far it came.
-    let log = log.into_inner().map_err(|e| log_target.unwritten(e.error()))?;
-    log_target.finish(log)?;
-    learnt?;
+    let mut run = open(arguments)?;
+    let before = run.training().total_steps();
+    if before > 0 && !arguments.quiet {
+        eprintln!("going on from step {before}");
+    }
+    let ended = run.learn(&stop).map_err(failure)?;
+    let took = began.elapsed();
+    let (training, closing) = run.close();
     let steps = training.total_steps();
     let stopped = || {
-        failed(anyhow!(
-            "stopped by a signal after {steps} steps; no policy written (log: {})",
-            log_path.display()
-        ))
+        let how = arguments.how_to_resume();
+        failed(anyhow!("stopped by a signal after {steps} steps; no policy written; {how}"))
     };
-    if stop.is_raised() {
+    if ended == Ended::Stopped {
         return Err(stopped());
     }
-    let took = began.elapsed();
+    let (config, seed) = (training.config().clone(), training.seed());
+    let search = move || Finished::new(&training);
     let finished =
-        unless_stopped(&stop, "searching the cascade's gains…", move || Finished::new(&training))
-            .ok_or_else(stopped)?;
+        unless_stopped(&stop, "searching the cascade's gains…", search).ok_or_else(stopped)?;
     let bytes = finished.blob().map_err(failed)?;
-    out.write(bytes.as_slice())?;
+    Target { path: &arguments.out, option: "--out" }.write(bytes.as_slice())?;
+    closing.close().map_err(failure)?;
     let policy = Policy::parse(bytes.as_slice()).map_err(failed)?;
     let seconds = took.as_secs_f64();
+    let since = if before > 0 { format!(" since step {before}") } else { String::new() };
     print(&format!(
-        "{}: {} with seed {}, {steps} steps in {seconds:.1} s ({}), CRC-32 {:08x}",
+        "{}: {} with seed {seed}, {steps} steps{since} in {seconds:.1} s ({}), CRC-32 {:08x}",
         arguments.out.display(),
         config.preset,
-        arguments.seed,
-        isa.name(),
+        arguments.isa.isa()?.name(),
         policy.crc32()
     ))?;
     if let Some(standing) = finished.standing {
@@ -219,13 +302,4 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 fn evaluate(bytes: &AlignedBytes, starts: usize) -> Result<Report, ParseError> {
     let policy = Policy::parse(bytes.as_slice())?;
     Ok(Report::new(&policy, starts, SEED))
-}
-
-/// On a terminal only: elsewhere it draws nothing.
-fn progress_bar() -> ProgressBar {
-    let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {elapsed}, {eta} to go")
-        .expect("a valid template");
-    let bar = ProgressBar::new(BAR as u64).with_style(style);
-    bar.enable_steady_tick(Duration::from_millis(500));
-    bar
 }

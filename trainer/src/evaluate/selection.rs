@@ -5,15 +5,33 @@ use super::{DENSITIES, hopper};
 use crate::config::Config;
 use crate::policy::Frozen;
 use rand::Rng;
+use serde::{Deserialize, Serialize};
 use sim_host::plant::Apex;
 
 /// How an actor stood when it was considered.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Standing {
     /// Environment steps trained.
     pub steps: u64,
     /// Share that falls and speed that is left, summed over densities; lower is better.
     pub cost: f64,
+}
+
+/// What an evaluation saw.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Evaluation {
+    /// In short.
+    pub standing: Standing,
+    /// At each of [`DENSITIES`].
+    pub results: [Survival; DENSITIES.len()],
+}
+
+/// A selector as it is kept in a checkpoint. (Its starts follow from the seed.)
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct SelectorState {
+    done: u64,
+    /// Packed weights, and how they stood.
+    best: Option<(Vec<f32>, Standing)>,
 }
 
 /// Keeps the best actor.
@@ -23,6 +41,7 @@ pub struct Selector {
     starts: Vec<Apex>,
     tolerance: sim_host::plant::Tolerance,
     best: Option<(Frozen, Standing)>,
+    latest: Option<Evaluation>,
 }
 
 impl Selector {
@@ -33,6 +52,7 @@ impl Selector {
             starts: draw_starts(config.selection.starts, rng),
             tolerance: config.episode.tolerance.plant(),
             best: None,
+            latest: None,
         }
     }
 
@@ -52,6 +72,30 @@ impl Selector {
         if self.best.as_ref().is_none_or(|(_, best)| standing.cost < best.cost) {
             self.best = Some((frozen, standing));
         }
+        self.latest = Some(Evaluation { standing, results });
+    }
+
+    /// What the latest evaluation saw; `None` before the first of this process.
+    #[must_use]
+    pub fn latest(&self) -> Option<&Evaluation> {
+        self.latest.as_ref()
+    }
+
+    /// How far it is, and what it keeps.
+    #[must_use]
+    pub fn state(&self) -> SelectorState {
+        let best = self.best.as_ref().map(|(frozen, standing)| (frozen.packed.clone(), *standing));
+        SelectorState { done: self.done, best }
+    }
+
+    /// Goes on from a state; false when its actor is not like `like`.
+    pub(crate) fn restore(&mut self, state: &SelectorState, like: &Frozen) -> bool {
+        self.done = state.done;
+        self.best = state
+            .best
+            .clone()
+            .map(|(packed, standing)| (Frozen { packed, ..like.clone() }, standing));
+        self.best.as_ref().is_none_or(|(frozen, _)| frozen.packed.len() == like.packed.len())
     }
 
     /// The best so far.

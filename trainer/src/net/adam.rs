@@ -18,10 +18,10 @@ const FLUSH: f32 = 1e-25;
 /// Adam's memory for the weights of one network.
 #[derive(Clone, Debug)]
 pub(crate) struct Adam<const P: usize> {
-    mean: Box<[Row<P>]>,
-    mean_square: Box<[Row<P>]>,
+    pub(crate) mean: Box<[Row<P>]>,
+    pub(crate) mean_square: Box<[Row<P>]>,
     /// `BETA_1` and `BETA_2` to the power of the updates done.
-    decayed: [f64; 2],
+    pub(crate) decayed: [f64; 2],
 }
 
 /// What one step of [`Adam`] does.

@@ -1,0 +1,163 @@
+//! Whether a configuration can be trained: every figure against its row of the
+//! table, and then what figures must be to each other.
+
+use super::keys::{Limit, find};
+use super::{Config, Exploration, Length, MediumDraw, Stage};
+use std::f32::consts::PI;
+use toml::Value;
+
+/// Why a configuration cannot be trained.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ConfigError {
+    /// A figure out of its range.
+    #[error("{key} is {value}, but must be {limit}; correct the configuration")]
+    OutOfRange {
+        /// The figure's key.
+        key: String,
+        /// What it is.
+        value: String,
+        /// What it may be.
+        limit: String,
+    },
+}
+
+fn out_of_range(key: &str, value: &dyn ToString, limit: &dyn ToString) -> ConfigError {
+    let (value, limit) = (value.to_string(), limit.to_string());
+    ConfigError::OutOfRange { key: key.into(), value, limit }
+}
+
+impl Config {
+    /// Whether all figures are in range.
+    ///
+    /// # Errors
+    /// The first figure that is not.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let value = Value::try_from(self)
+            .map_err(|e| out_of_range("the configuration", &e, &"what TOML can hold"))?;
+        check_value("", "", &value)?;
+        match self.relations().into_iter().find(|(fine, ..)| !fine) {
+            None => Ok(()),
+            Some((_, key, value, limit)) => Err(out_of_range(key, &value, &limit)),
+        }
+    }
+
+    /// What figures must be to each other: whether they are, key, value, limit.
+    fn relations(&self) -> Vec<(bool, &'static str, String, &'static str)> {
+        let (n, l, e) = (&self.network, &self.learning, &self.episode);
+        let ordered = |i: usize| n.action_low[i] <= n.action_high[i];
+        let bounds = |i: usize| format!("{} to {}", n.action_low[i], n.action_high[i]);
+        // The part of unit space that both the actor and the environment can reach.
+        let reachable = |i: usize| {
+            let unit = |x: f32| (x - n.action_offset[i]) / n.action_scale[i];
+            unit(n.action_low[i]) < n.output_bound && unit(n.action_high[i]) > -n.output_bound
+        };
+        let starts = e.low_share + e.uniform_share;
+        let counted_in_steps =
+            matches!(self.stages.last(), Some(Stage { length: Length::Steps(_), .. }));
+        let deviations = match self.exploration {
+            Exploration::Gaussian { deviation } => deviation,
+            Exploration::OrnsteinUhlenbeck { deviation, .. } => [deviation; 2],
+        };
+        let shares = |stage: &Stage| match stage.medium {
+            MediumDraw::Mixed { air, thin, water, .. } => air + thin + water,
+            _ => 0.0,
+        };
+        let media = self.stages.iter().map(shares).fold(0.0, f64::max);
+        let densities: Vec<f32> = self.gains.iter().map(|g| g.density_ratio).collect();
+        vec![
+            (
+                ordered(0) && n.action_high[0] <= PI,
+                "network.action_low[0] to network.action_high[0]",
+                bounds(0),
+                "low to high, within 0 to pi rad",
+            ),
+            (
+                ordered(1),
+                "network.action_low[1] to network.action_high[1]",
+                bounds(1),
+                "low to high",
+            ),
+            (
+                reachable(0) && reachable(1),
+                "network.output_bound",
+                n.output_bound.to_string(),
+                "such that action_offset +- action_scale * output_bound meets the range from \
+                 action_low to action_high",
+            ),
+            (
+                l.replay_capacity >= l.batch,
+                "learning.replay_capacity",
+                l.replay_capacity.to_string(),
+                "at least learning.batch",
+            ),
+            (
+                deviations[0] <= deviations[1],
+                "exploration.deviation",
+                format!("{deviations:?}"),
+                "lowest, then highest",
+            ),
+            (
+                starts <= 1.0,
+                "episode.low_share + episode.uniform_share",
+                starts.to_string(),
+                "at most 1",
+            ),
+            (
+                media <= 1.0 + 1e-9,
+                "stages.medium.air + thin + water",
+                media.to_string(),
+                "at most 1",
+            ),
+            (
+                self.selection.evaluations == 0 || (counted_in_steps && self.selection.starts > 0),
+                "selection.evaluations",
+                self.selection.evaluations.to_string(),
+                "0, unless the last stage is counted in steps and selection.starts is above 0",
+            ),
+            (
+                densities.windows(2).all(|w| w[0] < w[1]),
+                "gains.density_ratio",
+                format!("{densities:?}"),
+                "ascending",
+            ),
+        ]
+    }
+}
+
+/// Checks a value and all that is in it. `path` is that of the table of keys,
+/// `shown` has the places in lists too.
+fn check_value(path: &str, shown: &str, value: &Value) -> Result<(), ConfigError> {
+    if let (Value::Table(table), "") = (value, path) {
+        return table.iter().try_for_each(|(key, value)| check_value(key, key, value));
+    }
+    let Some(limit) = find(path).map(|key| &key.limit) else {
+        return Err(out_of_range(shown, value, &"a key of the table in config/keys.rs"));
+    };
+    let check = |fine: bool, value: String| {
+        if fine { Ok(()) } else { Err(out_of_range(shown, &value, limit)) }
+    };
+    match value {
+        Value::Table(table) => table.iter().try_for_each(|(key, value)| {
+            check_value(&format!("{path}.{key}"), &format!("{shown}.{key}"), value)
+        }),
+        Value::Array(items) => {
+            check(limit.allows_length(items.len()), items.len().to_string())?;
+            items
+                .iter()
+                .enumerate()
+                .try_for_each(|(i, item)| check_value(path, &format!("{shown}[{i}]"), item))
+        }
+        Value::Float(x) => check(limit.allows_number(*x), shortest(*x)),
+        Value::Integer(n) => check(limit.allows_whole(*n), n.to_string()),
+        Value::String(text) => check(limit.allows_text(text), format!("{text:?}")),
+        Value::Boolean(is) => check(matches!(limit, Limit::Flag), is.to_string()),
+        Value::Datetime(time) => check(false, time.to_string()),
+    }
+}
+
+/// A number as it was written, were it in single precision.
+fn shortest(x: f64) -> String {
+    let single = x as f32;
+    if f64::from(single) == x { single.to_string() } else { x.to_string() }
+}

@@ -1,0 +1,266 @@
+//! TensorBoard event files: `TFRecord` frames of protobuf events.
+//!
+//! The step of every event is the environment step, over all stages. A process
+//! writes one file, which begins with a session start at its first step:
+//! TensorBoard then drops what an earlier file has from that step on, so that a
+//! training that was killed and went on from a checkpoint shows no step twice.
+//!
+//! Frame: length u64, masked CRC-32C of it, the event, masked CRC-32C of it; little-endian.
+//! Fields as in `tensorflow/core/util/event.proto` and `framework/summary.proto`;
+//! only those used here.
+
+use super::error::RunError;
+use super::recent::Recent;
+use crate::evaluate::DENSITIES;
+use crate::evaluate::selection::Evaluation;
+use crate::train::{EpisodeRecord, Training};
+use crc::{CRC_32_ISCSI, Crc, Table};
+use prost::Message;
+use std::fs::{File, create_dir_all};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+static CRC: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISCSI);
+const FILE_VERSION: &str = "brain.Event:2";
+/// Time from one figure of the speed to the next.
+const SPEED_EVERY: Duration = Duration::from_secs(1);
+/// Time after which what was written can be seen.
+const FLUSH_EVERY: Duration = Duration::from_secs(5);
+
+/// One event.
+#[derive(Clone, PartialEq, Message)]
+pub struct Event {
+    /// Seconds since 1970.
+    #[prost(double, tag = "1")]
+    pub wall_time: f64,
+    /// Environment step.
+    #[prost(int64, tag = "2")]
+    pub step: i64,
+    /// Of the first event of a file.
+    #[prost(string, optional, tag = "3")]
+    pub file_version: Option<String>,
+    /// Figures and texts.
+    #[prost(message, optional, tag = "5")]
+    pub summary: Option<Summary>,
+    /// That a session starts.
+    #[prost(message, optional, tag = "7")]
+    pub session_log: Option<SessionLog>,
+}
+
+/// Figures and texts of one step.
+#[derive(Clone, PartialEq, Message)]
+pub struct Summary {
+    /// Each by its tag.
+    #[prost(message, repeated, tag = "1")]
+    pub value: Vec<Value>,
+}
+
+/// A figure or a text.
+#[derive(Clone, PartialEq, Message)]
+pub struct Value {
+    /// What it is called.
+    #[prost(string, tag = "1")]
+    pub tag: String,
+    /// A figure.
+    #[prost(float, optional, tag = "2")]
+    pub simple_value: Option<f32>,
+    /// A text.
+    #[prost(message, optional, tag = "8")]
+    pub tensor: Option<Tensor>,
+    /// What the tensor is.
+    #[prost(message, optional, tag = "9")]
+    pub metadata: Option<Metadata>,
+}
+
+/// A tensor of one string.
+#[derive(Clone, PartialEq, Message)]
+pub struct Tensor {
+    /// 7 for strings.
+    #[prost(int32, tag = "1")]
+    pub dtype: i32,
+    /// Its string.
+    #[prost(bytes = "vec", repeated, tag = "8")]
+    pub string_val: Vec<Vec<u8>>,
+}
+
+/// What a tensor is.
+#[derive(Clone, PartialEq, Message)]
+pub struct Metadata {
+    /// What shows it.
+    #[prost(message, optional, tag = "1")]
+    pub plugin_data: Option<Plugin>,
+}
+
+/// What shows a tensor.
+#[derive(Clone, PartialEq, Message)]
+pub struct Plugin {
+    /// Such as `text`.
+    #[prost(string, tag = "1")]
+    pub plugin_name: String,
+}
+
+/// The state of a session.
+#[derive(Clone, Copy, PartialEq, Eq, Message)]
+pub struct SessionLog {
+    /// 1 for a start.
+    #[prost(int32, tag = "1")]
+    pub status: i32,
+}
+
+/// Writes the events of a training.
+pub struct Board {
+    file: BufWriter<File>,
+    path: PathBuf,
+    flushed: Instant,
+    /// When the speed was last told, and updates done then.
+    speed: (Instant, u64),
+    /// Step of the evaluation last told.
+    evaluated: u64,
+}
+
+impl Board {
+    /// A new file in a folder, which is made where there is none.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn begin(folder: &Path, training: &Training) -> Result<Self, RunError> {
+        let now = since_1970();
+        // The order of the names is that of the files.
+        let name = format!(
+            "events.out.tfevents.{:010}.{:09}.trainer.{}",
+            now.as_secs(),
+            now.subsec_nanos(),
+            std::process::id()
+        );
+        let path = folder.join(name);
+        let make = || {
+            create_dir_all(folder)?;
+            File::create_new(&path)
+        };
+        let file = make().map_err(RunError::unwritten(folder, "--tensorboard"))?;
+        let mut board = Self {
+            file: BufWriter::new(file),
+            flushed: Instant::now(),
+            speed: (Instant::now(), training.total_updates()),
+            evaluated: 0,
+            path,
+        };
+        let steps = training.total_steps();
+        let version = Some(FILE_VERSION.into());
+        board.write(Event { file_version: version, ..Event::default() })?;
+        // What was logged at the step of the checkpoint itself stays.
+        let first = if steps == 0 { 0 } else { steps.cast_signed() + 1 };
+        let start = Some(SessionLog { status: 1 });
+        board.write(Event { step: first, session_log: start, ..Event::default() })?;
+        if steps == 0 {
+            let config = format!(
+                "seed {}\n\n```toml\n{}```\n",
+                training.seed(),
+                training.config().to_commented_toml()
+            );
+            board.values(0, vec![text("hyperparameters", &config)])?;
+        }
+        board.flush()?;
+        Ok(board)
+    }
+
+    /// After an episode.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn tell(
+        &mut self,
+        record: &EpisodeRecord,
+        training: &Training,
+        recent: &Recent,
+    ) -> Result<(), RunError> {
+        let mut values = vec![
+            scalar("episode/reward", record.reward),
+            scalar("episode/steps", f64::from(record.steps)),
+            scalar("episode/q0", f64::from(record.q0)),
+            scalar("episode/full_share", recent.full()),
+        ];
+        if let Some(update) = training.latest_update() {
+            let norm = |name, x: f32| scalar(name, f64::from(x));
+            values.push(norm("update/critic_gradient_norm", update.critic_gradient_norm));
+            values.push(norm("update/actor_gradient_norm", update.actor_gradient_norm));
+        }
+        let (since, before) = self.speed;
+        if since.elapsed() >= SPEED_EVERY {
+            let updates = training.total_updates();
+            let speed = (updates - before) as f64 / since.elapsed().as_secs_f64();
+            values.push(scalar("updates_per_s", speed));
+            self.speed = (Instant::now(), updates);
+        }
+        if let Some(evaluation) = training.selector().and_then(|s| s.latest())
+            && evaluation.standing.steps != self.evaluated
+        {
+            self.evaluated = evaluation.standing.steps;
+            values.extend(seen(evaluation));
+        }
+        self.values(record.total_steps, values)?;
+        if self.flushed.elapsed() >= FLUSH_EVERY { self.flush() } else { Ok(()) }
+    }
+
+    /// So that what was told can be seen.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn flush(&mut self) -> Result<(), RunError> {
+        self.flushed = Instant::now();
+        self.file.flush().map_err(RunError::unwritten(&self.path, "--tensorboard"))
+    }
+
+    fn values(&mut self, step: u64, value: Vec<Value>) -> Result<(), RunError> {
+        let summary = Some(Summary { value });
+        self.write(Event { step: step.cast_signed(), summary, ..Event::default() })
+    }
+
+    fn write(&mut self, event: Event) -> Result<(), RunError> {
+        let event = Event { wall_time: since_1970().as_secs_f64(), ..event };
+        frame(&mut self.file, &event.encode_to_vec())
+            .map_err(RunError::unwritten(&self.path, "--tensorboard"))
+    }
+}
+
+/// One record of a `TFRecord` file.
+fn frame(to: &mut impl Write, record: &[u8]) -> io::Result<()> {
+    let length = (record.len() as u64).to_le_bytes();
+    to.write_all(&length)?;
+    to.write_all(&masked(&length).to_le_bytes())?;
+    to.write_all(record)?;
+    to.write_all(&masked(record).to_le_bytes())
+}
+
+/// CRC-32C, masked so that a record that holds records does not look like one.
+#[must_use]
+pub fn masked(bytes: &[u8]) -> u32 {
+    CRC.checksum(bytes).rotate_right(15).wrapping_add(0xa282_ead8)
+}
+
+fn since_1970() -> Duration {
+    SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default()
+}
+
+fn scalar(tag: &str, value: f64) -> Value {
+    Value { tag: tag.into(), simple_value: Some(value as f32), ..Value::default() }
+}
+
+fn text(tag: &str, text: &str) -> Value {
+    let plugin_data = Some(Plugin { plugin_name: "text".into() });
+    Value {
+        tag: format!("{tag}/text_summary"),
+        tensor: Some(Tensor { dtype: 7, string_val: vec![text.as_bytes().to_vec()] }),
+        metadata: Some(Metadata { plugin_data }),
+        ..Value::default()
+    }
+}
+
+fn seen(evaluation: &Evaluation) -> Vec<Value> {
+    let mut values = vec![scalar("evaluation/cost", evaluation.standing.cost)];
+    for (rho, result) in DENSITIES.iter().zip(&evaluation.results) {
+        values.push(scalar(&format!("evaluation/survive30/{rho}"), result.survive30));
+    }
+    values
+}

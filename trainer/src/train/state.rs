@@ -1,0 +1,101 @@
+//! Everything that a training is at a moment, so that it can go on from there.
+
+use super::Training;
+use crate::ddpg::Memory;
+use crate::evaluate::selection::{Selector, SelectorState};
+use crate::explore::NoiseState;
+use crate::replay::{Replay, ReplayState};
+use crate::simd::Isa;
+use crate::{config::Config, explore::Noise};
+use rand_pcg::Pcg64;
+use serde::{Deserialize, Serialize};
+
+/// All of a [`Training`] that does not follow from its configuration and its seed.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct TrainingState {
+    agent: Memory,
+    replay: ReplayState,
+    noise: NoiseState,
+    environment_rng: Pcg64,
+    noise_rng: Pcg64,
+    batch_rng: Pcg64,
+    selector: Option<SelectorState>,
+    stage: usize,
+    steps: u64,
+    episodes: u64,
+    total_steps: u64,
+    total_episodes: u64,
+    total_updates: u64,
+}
+
+/// A state of another training.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("its state does not fit its configuration ({0})")]
+pub struct Unfit(&'static str);
+
+impl Training {
+    /// What it is now, between two episodes.
+    #[must_use]
+    pub fn state(&self) -> TrainingState {
+        TrainingState {
+            agent: self.agent.memory(),
+            replay: self.replay.state(),
+            noise: self.noise.state(),
+            environment_rng: self.environment_rng.clone(),
+            noise_rng: self.noise_rng.clone(),
+            batch_rng: self.batch_rng.clone(),
+            selector: self.selector.as_ref().map(Selector::state),
+            stage: self.stage,
+            steps: self.steps,
+            episodes: self.episodes,
+            total_steps: self.total_steps,
+            total_episodes: self.total_episodes,
+            total_updates: self.total_updates,
+        }
+    }
+
+    /// Goes on from a state: what follows is what would have followed there, bit for bit.
+    ///
+    /// # Errors
+    /// [`Unfit`] when the state is not one of a training with this configuration.
+    pub fn from_state(
+        config: Config,
+        seed: u64,
+        isa: Isa,
+        state: TrainingState,
+    ) -> Result<Self, Unfit> {
+        let mut training = Self::new(config, seed, isa);
+        let config = &training.config;
+        if state.stage > config.stages.len() {
+            return Err(Unfit("stage"));
+        }
+        if !training.agent.remember(&state.agent) {
+            return Err(Unfit("networks"));
+        }
+        match (&mut training.selector, &state.selector) {
+            (None, None) => {}
+            (Some(selector), Some(there)) => {
+                let like = crate::policy::Frozen::trained(config, &training.agent.actor(false));
+                if !selector.restore(there, &like) {
+                    return Err(Unfit("best actor"));
+                }
+            }
+            _ => return Err(Unfit("selection")),
+        }
+        training.replay = Replay::from_state(config.learning.replay_capacity, &state.replay)
+            .ok_or(Unfit("replay buffer"))?;
+        training.noise = Noise::from_state(&config.exploration, state.noise);
+        Ok(Self {
+            environment_rng: state.environment_rng,
+            noise_rng: state.noise_rng,
+            batch_rng: state.batch_rng,
+            stage: state.stage,
+            steps: state.steps,
+            episodes: state.episodes,
+            total_steps: state.total_steps,
+            total_episodes: state.total_episodes,
+            total_updates: state.total_updates,
+            ..training
+        })
+    }
+}

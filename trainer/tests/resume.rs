@@ -1,0 +1,259 @@
+//! A training that is killed goes on from its checkpoint and ends as one that was not.
+
+use std::fs;
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+/// Gains, so that they need not be searched for.
+const GAINS: &str =
+    "gains=[{density_ratio=0.0,kp=0.0,ki=0.05,kd=0.0,feed_forward=1.0,limit_m_s=10.0}]";
+
+/// Through both stages.
+const TRANSFER: &[&str] = &[
+    "--preset",
+    "water-to-air",
+    "--set",
+    "stages.0.length.episodes=350",
+    "--episodes",
+    "350",
+    "--seed",
+    "1",
+];
+
+/// With a selection, an averaged actor and random steps.
+const ROBUST: &[&str] = &[
+    "--preset",
+    "robust",
+    "--steps",
+    "6000",
+    "--set",
+    "learning.random_steps=500",
+    "--set",
+    "selection.evaluations=4",
+    "--set",
+    "selection.starts=40",
+    "--set",
+    GAINS,
+    "--seed",
+    "2",
+];
+
+fn trainer(arguments: &[&str], folder: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_trainer"));
+    command.arg("train").args(arguments).args(["--out", "p.bin", "--eval-starts", "0", "--quiet"]);
+    command.current_dir(folder).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+fn output(arguments: &[&str], folder: &Path) -> Output {
+    trainer(arguments, folder).output().unwrap()
+}
+
+fn error(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).unwrap()
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let name = |entry: std::io::Result<fs::DirEntry>| entry.unwrap().file_name().into_string();
+    let mut names: Vec<_> = fs::read_dir(folder).unwrap().map(|e| name(e).unwrap()).collect();
+    names.sort();
+    names
+}
+
+/// When to kill.
+#[derive(Clone, Copy, Debug)]
+enum Moment {
+    /// Once so many checkpoints have been seen to come in place.
+    Checkpoints(usize),
+    /// While a checkpoint is being written, after so many others.
+    Writing(usize),
+    /// After a time, whatever it does.
+    After(Duration),
+}
+
+/// Waits for a moment and kills with SIGKILL; false when the child ended before.
+fn kill_at(child: &mut Child, folder: &Path, moment: Moment) -> bool {
+    let began = Instant::now();
+    let inode = || fs::metadata(folder.join("p.bin.checkpoint")).map_or(0, |m| m.ino());
+    let writing = folder.join("p.bin.checkpoint.part");
+    let (mut last, mut seen) = (inode(), 0);
+    loop {
+        if child.try_wait().unwrap().is_some() {
+            return false;
+        }
+        let now = inode();
+        if now != last && now != 0 {
+            (last, seen) = (now, seen + 1);
+        }
+        let is_now = match moment {
+            Moment::Checkpoints(n) => seen >= n,
+            Moment::Writing(n) => seen >= n && writing.exists(),
+            Moment::After(time) => began.elapsed() >= time,
+        };
+        if is_now {
+            child.kill().unwrap();
+            // It may have ended by itself just before.
+            return child.wait().unwrap().code().is_none();
+        }
+    }
+}
+
+fn survives_being_killed(arguments: &[&str]) {
+    let whole = tempfile::tempdir().unwrap();
+    let alone = output(&[arguments, &["--checkpoint-every", "0"]].concat(), whole.path());
+    assert!(alone.status.success(), "{}", error(&alone));
+    assert_eq!(names(whole.path()), ["p.bin", "p.csv"]);
+
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let milliseconds = |ms| Moment::After(Duration::from_millis(ms));
+    let moments = [
+        Moment::Checkpoints(1),
+        Moment::Writing(3),
+        milliseconds(40),
+        Moment::Checkpoints(8),
+        Moment::Writing(0),
+        milliseconds(90),
+        Moment::Writing(20),
+        Moment::Checkpoints(30),
+    ];
+    let mut killed = 0;
+    let arguments = [arguments, &["--checkpoint-every", "0.002", "--resume"]].concat();
+    for moment in moments {
+        let mut child = trainer(&arguments, path).spawn().unwrap();
+        if !kill_at(&mut child, path, moment) {
+            break;
+        }
+        killed += 1;
+        assert!(!path.join("p.bin").exists() && !path.join("p.csv").exists(), "{moment:?}");
+    }
+    assert!(killed >= 5, "only {killed} kills");
+    let last = output(&arguments, path);
+    assert!(last.status.success(), "{}", error(&last));
+    for name in ["p.bin", "p.csv"] {
+        let read = |folder: &Path| fs::read(folder.join(name)).unwrap();
+        assert!(read(path) == read(whole.path()), "{name} differs after {killed} kills");
+    }
+    // A kill in the instant in which the policy gets its name may leave a hidden file.
+    let left: Vec<_> = names(path).into_iter().filter(|n| !n.starts_with('.')).collect();
+    assert_eq!(left, ["p.bin", "p.csv"]);
+}
+
+#[test]
+fn a_transfer_that_is_killed_ends_with_the_same_policy_and_log() {
+    survives_being_killed(TRANSFER);
+}
+
+#[test]
+fn a_robust_training_that_is_killed_ends_with_the_same_policy_and_log() {
+    survives_being_killed(ROBUST);
+}
+
+/// Killed between the policy's name and the end, in every order of what was left to do.
+#[test]
+fn what_was_left_to_do_at_the_end_is_done() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let arguments = ["--preset", "water", "--episodes", "600", "--seed", "1"];
+    let resumed = [&arguments[..], &["--resume", "--checkpoint-every", "0.001"]].concat();
+    let mut child = trainer(&resumed, path).spawn().unwrap();
+    assert!(kill_at(&mut child, path, Moment::Checkpoints(2)));
+    let at = |name: &str| path.join(name);
+    let checkpoint = fs::read(at("p.bin.checkpoint")).unwrap();
+    assert!(output(&resumed, path).status.success());
+    let files = || ["p.bin", "p.csv"].map(|name| fs::read(at(name)).unwrap());
+    let whole = files();
+    // The log had its name, but the checkpoint was still there.
+    fs::write(at("p.bin.checkpoint"), &checkpoint).unwrap();
+    assert!(output(&["--resume"], path).status.success());
+    assert!(files() == whole);
+    // Only the policy had its name.
+    fs::write(at("p.bin.checkpoint"), &checkpoint).unwrap();
+    fs::rename(at("p.csv"), at("p.csv.part")).unwrap();
+    assert!(output(&["--resume"], path).status.success());
+    assert!(files() == whole);
+    assert_eq!(names(path), ["p.bin", "p.csv"]);
+}
+
+#[test]
+fn a_checkpoint_that_cannot_be_used_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let arguments = ["--preset", "water", "--episodes", "100000", "--seed", "1"];
+    let begin = [&arguments[..], &["--checkpoint-every", "0.001"]].concat();
+    let mut child = trainer(&begin, path).spawn().unwrap();
+    assert!(kill_at(&mut child, path, Moment::Checkpoints(5)));
+    let refused = |arguments: &[&str], said: &str| {
+        let output = output(arguments, path);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", error(&output));
+        assert!(error(&output).contains(said), "{arguments:?}: {}", error(&output));
+    };
+    refused(&arguments, "p.bin.checkpoint: a training with this --out is not over");
+    refused(&["--resume", "--seed", "2"], "--seed 2: the checkpoint's is 1");
+    refused(&["--resume", "--set", "learning.batch=64"], "learning.batch is 32 in one and 64");
+    refused(&["--resume", "--preset", "air"], "the checkpoint is of another configuration");
+    let file = path.join("p.bin.checkpoint");
+    let good = fs::read(&file).unwrap();
+    let mut flipped = good.clone();
+    flipped[good.len() / 2] ^= 1;
+    let mut newer = good.clone();
+    newer[8] = 9;
+    for (bytes, said) in [
+        (&flipped[..], "p.bin.checkpoint: a corrupt checkpoint: its checksum is"),
+        (&good[..good.len() - 1], "not a whole checkpoint"),
+        (&good[..5], "not a whole checkpoint: only 5 bytes"),
+        (&newer, "a checkpoint of version 9; this trainer reads 1"),
+        (b"episode,stage,total_steps", "not the checkpoint of a training"),
+    ] {
+        fs::write(&file, bytes).unwrap();
+        refused(&["--resume"], said);
+    }
+    fs::write(&file, &good).unwrap();
+    let log = path.join("p.csv.part");
+    let rows = fs::read(&log).unwrap();
+    fs::write(&log, &rows[..10]).unwrap();
+    refused(&["--resume"], "p.csv.part: the log has only 10 bytes of");
+    let other: Vec<u8> = rows.iter().map(|b| if *b == b'1' { b'2' } else { *b }).collect();
+    fs::write(&log, other).unwrap();
+    refused(&["--resume"], "p.csv.part: this is another log: its checksum is");
+    fs::remove_file(&log).unwrap();
+    refused(&["--resume"], "p.csv.part: the log cannot be opened");
+    // Given up, it begins anew.
+    let anew = ["--preset", "water", "--episodes", "3", "--restart"];
+    assert!(output(&anew, path).status.success());
+    assert_eq!(names(path), ["p.bin", "p.csv"]);
+    refused(&["--resume"], "there is no checkpoint p.bin.checkpoint; give --preset or --config");
+}
+
+#[test]
+fn a_hang_up_that_is_ignored_stays_ignored() {
+    let folder = tempfile::tempdir().unwrap();
+    let line = format!(
+        "trap '' HUP; exec {} train --preset air --steps 1000000000 --out p.bin",
+        env!("CARGO_BIN_EXE_trainer")
+    );
+    let mut child = Command::new("sh")
+        .args(["-c", &line])
+        .current_dir(folder.path())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    while !folder.path().join("p.bin.checkpoint").exists() {
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let kill = |signal: &str| {
+        let id = child.id().to_string();
+        assert!(Command::new("kill").args([signal, &id]).status().unwrap().success());
+    };
+    kill("-HUP");
+    std::thread::sleep(Duration::from_millis(500));
+    let before = names(folder.path());
+    assert_eq!(before, ["p.bin.checkpoint", "p.csv.part"]);
+    kill("-TERM");
+    // Had the first signal counted, the second would have ended it without a checkpoint.
+    assert_eq!(child.wait().unwrap().code(), Some(1));
+    let resumed = trainer(&["--resume", "--steps", "1"], folder.path()).output().unwrap();
+    assert!(error(&resumed).contains("stages.0.length.steps is 1000000000 in one and 1"));
+}
