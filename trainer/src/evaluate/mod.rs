@@ -4,7 +4,9 @@
 //! Results do not depend on the number of threads: every start is drawn before
 //! any is run, and results are gathered in their order.
 
+pub mod conditions;
 pub mod gains;
+pub mod goals;
 pub mod report;
 pub mod selection;
 pub mod survival;
