@@ -16,4 +16,5 @@ pub mod policy;
 pub mod preset;
 pub mod replay;
 pub mod simd;
+pub mod study;
 pub mod train;

@@ -7,6 +7,7 @@ mod import;
 mod infer;
 mod inspect;
 mod output;
+mod study;
 mod train;
 
 use clap::{Parser, Subcommand, ValueEnum};
@@ -25,6 +26,8 @@ struct Cli {
 enum Command {
     /// Train a policy; the same seed gives the same file, bit for bit
     Train(train::Arguments),
+    /// Train and evaluate many seeds, on one machine or a cluster
+    Study(study::Arguments),
     /// Evaluate a policy: survival, stopping, tracking, highest speed
     Eval(eval::Arguments),
     /// Print everything that a policy file says
@@ -89,6 +92,7 @@ pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let result = match cli.command {
         Command::Train(arguments) => train::run(&arguments),
+        Command::Study(arguments) => study::run(&arguments),
         Command::Eval(arguments) => eval::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Infer(arguments) => infer::run(&arguments),

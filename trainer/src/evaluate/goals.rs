@@ -67,6 +67,43 @@ impl Figure {
         }
     }
 
+    /// As a column of a CSV file or a key names it.
+    #[must_use]
+    pub fn key(&self) -> String {
+        let on = |condition: &Condition| {
+            let change = match condition.change {
+                Change::Stiffness(k) => format!("k_{k}"),
+                Change::Mass(m) => format!("m_{m}"),
+                world @ Change::Gravity(_) => world.to_string(),
+            };
+            match condition.rho {
+                0.0 => change,
+                rho => format!("{change}_rho_{rho}"),
+            }
+        };
+        match self {
+            Self::Survive30(rho) => format!("survive30_rho_{rho}"),
+            Self::AbsVMedian(rho) => format!("abs_v_median_rho_{rho}"),
+            Self::Tracked => "tracked".into(),
+            Self::Falls => "falls".into(),
+            Self::MaxSpeed(rho) => format!("max_speed_rho_{rho}"),
+            Self::Survive30In(condition) => format!("survive30_{}", on(condition)),
+            Self::AbsVMedianIn(condition) => format!("abs_v_median_{}", on(condition)),
+        }
+    }
+
+    /// Digits after the point that mean something.
+    #[must_use]
+    pub fn digits(&self) -> usize {
+        match self {
+            Self::Survive30(_) | Self::Survive30In(_) => 4,
+            Self::AbsVMedian(_) | Self::AbsVMedianIn(_) => 5,
+            Self::MaxSpeed(_) => 2,
+            // Halves, in medians.
+            Self::Tracked | Self::Falls => 1,
+        }
+    }
+
     /// Whether more is better.
     #[must_use]
     pub fn better(&self) -> Better {

@@ -115,7 +115,7 @@ impl Report {
         let reached = goals.len() - missed.len();
         write!(f, "\nGoals of a policy for every density: {reached} of {} reached.", goals.len())?;
         for goal in missed {
-            let value = number(goal.figure.of(self), 5);
+            let value = number(goal.figure.of(self), goal.figure.digits());
             write!(f, "\n  missed: {} is {value}, wanted {}", goal.figure, goal.text())?;
         }
         Ok(())
