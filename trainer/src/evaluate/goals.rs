@@ -249,7 +249,9 @@ mod tests {
     fn goals_look_at_figures_of_a_report() {
         let report = Report::new(&Policy::parse(SHIPPED).unwrap(), 50, 1);
         for figure in Figure::all() {
-            assert!(figure.of(&report).is_some(), "{figure}");
+            // No leg with so soft a spring is left to have a speed.
+            let none = figure.key() == "abs_v_median_k_5000";
+            assert_eq!(figure.of(&report).is_none(), none, "{figure}");
         }
         let goals = robust();
         assert_eq!(goals.len(), 21);

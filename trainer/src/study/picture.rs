@@ -231,8 +231,9 @@ fn draw_part(area: &Area<'_>, summary: &Summary, part: &Part) -> Result<(), Draw
         .y_label_area_size(px(52))
         .build_cartesian_2d(-0.6..rows.len() as f64 - 0.4, y.clone())?;
     draw_grid(&mut panel, part, &rows, &y)?;
+    let none = y.start + 0.02 * (y.end - y.start);
     for (column, row) in rows.iter().enumerate() {
-        draw_row(&mut panel, summary, part.scale, column as f64, row, y.start)?;
+        draw_row(&mut panel, summary, part.scale, column as f64, row, none)?;
     }
     Ok(())
 }
@@ -253,7 +254,7 @@ fn draw_grid(
         .label_style(small.clone())
         .x_labels(0);
     if ticks.is_empty() {
-        mesh.y_labels(8).draw()?;
+        mesh.y_labels(8).y_label_formatter(&|value: &f64| value.to_string()).draw()?;
     } else {
         mesh.disable_y_mesh().y_labels(0).draw()?;
     }
@@ -261,10 +262,14 @@ fn draw_grid(
     let right = rows.len() as f64 - 0.4;
     let beside = small.clone().pos(Pos::new(HPos::Right, VPos::Center));
     let below = small.pos(Pos::new(HPos::Center, VPos::Top));
-    for (tick, at) in ticks.into_iter().map(|tick| (tick, part.scale.place(tick))) {
-        if !y.contains(&at) {
+    // From the top: of labels that would touch, the higher one stays.
+    let mut above = f64::INFINITY;
+    let touching = 0.04 * (y.end - y.start);
+    for (tick, at) in ticks.into_iter().rev().map(|tick| (tick, part.scale.place(tick))) {
+        if !y.contains(&at) || above - at < touching {
             continue;
         }
+        above = at;
         panel.draw_series([PathElement::new([(left, at), (right, at)], FAINT.mix(0.6))])?;
         let text = EmptyElement::at((left, at))
             + Text::new(tick.to_string(), (-at_px(7), 0), beside.clone());
@@ -279,14 +284,14 @@ fn draw_grid(
 }
 
 /// One column: the box, the goals, the seeds. A seed without the figure is a cross
-/// on the panel's lower edge.
+/// at `none`, by the panel's lower edge.
 fn draw_row(
     panel: &mut Panel<'_, '_>,
     summary: &Summary,
     scale: Scale,
     x: f64,
     row: &Row,
-    bottom: f64,
+    none: f64,
 ) -> Result<(), DrawError> {
     let across = |half: f64, value: f64| {
         let at = scale.place(value);
@@ -313,7 +318,7 @@ fn draw_row(
         let golden = (i as f64 * 0.618_033_988_749_894_9).fract();
         let x = if count == 1 { x } else { x + STRIP * (2.0 * golden - 1.0) };
         let Some(value) = seed.figure(row.figure) else {
-            panel.draw_series([Cross::new((x, bottom), px(4), MISSES.stroke_width(px(2)))])?;
+            panel.draw_series([Cross::new((x, none), px(4), MISSES.stroke_width(px(2)))])?;
             continue;
         };
         let is_worst = worst_of_all == Some(seed.seed);

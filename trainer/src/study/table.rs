@@ -6,6 +6,9 @@ use crate::config::Length;
 use crate::evaluate::goals::Figure;
 use std::fmt;
 
+/// Goals of the worst seed that are named.
+const MOST_NAMED: usize = 5;
+
 /// What rows stand together.
 fn heading(figure: Figure) -> &'static str {
     match figure {
@@ -112,11 +115,13 @@ impl fmt::Display for Summary {
         }
         if let Some(worst) = self.worst() {
             let missed: Vec<String> = self.missed(worst).map(|g| g.figure.to_string()).collect();
+            let shown = missed.iter().take(MOST_NAMED).cloned().collect::<Vec<_>>().join("; ");
+            let more = if missed.len() > MOST_NAMED { "; and more" } else { "" };
             write!(f, "\nWorst seed: {}, ", worst.seed)?;
             match (&worst.failure, missed.len()) {
                 (Some(why), _) => write!(f, "which left no policy: {why}.")?,
                 (None, 0) => write!(f, "which reaches every goal, too.")?,
-                (None, n) => write!(f, "which misses {n}: {}.", missed.join("; "))?,
+                (None, n) => write!(f, "which misses {n}: {shown}{more}.")?,
             }
         }
         Ok(())
