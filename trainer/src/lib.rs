@@ -19,4 +19,5 @@ pub mod preset;
 pub mod replay;
 pub mod run;
 pub mod simd;
+pub mod study;
 pub mod train;

@@ -11,6 +11,7 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use trainer::evaluate::conditions::{Change, Condition};
 use trainer::evaluate::hopper;
 use trainer::evaluate::survival::{Survival, draw_starts, survival};
 use trainer::evaluate::tracking::{highest_speed, track};
@@ -119,4 +120,28 @@ fn the_transferred_actor_follows_a_speed_on_land() {
     // it ends where the leg falls.
     let speed = highest_speed(&actor, &gains(0.02, 0.0), 0.0);
     assert!((5.5..6.3).contains(&speed), "{speed}");
+}
+
+#[test]
+fn the_transferred_actor_on_other_legs() {
+    let Some(actor) = imported("water_to_air") else { return };
+    let starts = draw_starts(2000, &mut Pcg64::seed_from_u64(11));
+    for (change, survive30) in [
+        (Change::Stiffness(5_000.0), 0.04),
+        (Change::Stiffness(10_000.0), 0.39),
+        (Change::Stiffness(15_000.0), 0.78),
+        (Change::Stiffness(20_000.0), 0.90),
+        (Change::Stiffness(30_000.0), 0.99),
+        (Change::Stiffness(40_000.0), 1.00),
+        (Change::Mass(40.0), 1.00),
+        (Change::Mass(60.0), 0.98),
+        (Change::Mass(100.0), 0.81),
+        (Change::Mass(120.0), 0.70),
+    ] {
+        let s = Condition::on_land(change).run(&actor.actor(), &starts).survival;
+        // Three standard errors of either set of starts, and the figure's rounding.
+        let variance = survive30 * (1.0 - survive30) * (1.0 / 2000.0 + 1.0 / 5000.0);
+        let off = (s.survive30 - survive30).abs();
+        assert!(off <= 3.0 * variance.sqrt() + 5e-3, "{change}: {s:?}, {survive30}");
+    }
 }

@@ -54,6 +54,11 @@ fn from_training_to_actions() {
     for key in ["rho", "set_point", "mean_v", "oscillation", "fell"] {
         assert!(json["tracking"][0].get(key).is_some(), "{key}");
     }
+    let elsewhere = json["elsewhere"].as_array().unwrap();
+    assert_eq!((elsewhere.len(), &elsewhere[10]["name"]), (12, &"moon".into()));
+    for key in ["stiffness_n_m", "mass_kg", "gravity_m_s2", "rho", "survive30", "abs_v_median"] {
+        assert!(elsewhere[0].get(key).is_some(), "{key}");
+    }
 
     std::fs::write(directory.path().join("o.csv"), "y,vx,rho\n2,-1,0\n1.5,0.5,1\n").unwrap();
     let actions = run("infer --policy p.bin --input o.csv");

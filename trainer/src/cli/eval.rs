@@ -2,6 +2,7 @@
 
 use super::output::print;
 use super::{Failure, input};
+use crate::evaluate::conditions::Extent;
 use crate::evaluate::report::Report;
 use clap::Args;
 use controller::host::blob::PolicyBlob;
@@ -32,11 +33,15 @@ pub(super) struct Arguments {
     /// Seed of the starts
     #[arg(long, default_value_t = SEED)]
     seed: u64,
+    /// Moon and mars at every density, not only on land
+    #[arg(long)]
+    full: bool,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let bytes = PolicyBlob::read(&arguments.policy).map_err(input)?;
     let policy = bytes.policy().map_err(input)?;
-    let report = Report::new(&policy, arguments.starts as usize, arguments.seed);
+    let extent = if arguments.full { Extent::Full } else { Extent::Land };
+    let report = Report::of(&policy, arguments.starts as usize, arguments.seed, extent);
     if arguments.json { print(&report.to_json()) } else { print(&report.to_string()) }
 }

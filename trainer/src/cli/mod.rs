@@ -10,6 +10,7 @@ mod infer;
 mod inspect;
 mod output;
 mod plot;
+mod study;
 mod train;
 
 use clap::{Parser, Subcommand, ValueEnum};
@@ -30,6 +31,8 @@ enum Command {
     Train(train::Arguments),
     /// Show and check configurations
     Config(config::Arguments),
+    /// Train and evaluate many seeds, on one machine or a cluster
+    Study(study::Arguments),
     /// Evaluate a policy: survival, stopping, tracking, highest speed
     Eval(eval::Arguments),
     /// Compare two policies from the same starts, with confidence intervals
@@ -99,6 +102,7 @@ pub fn main() -> ExitCode {
     let result = match cli.command {
         Command::Train(arguments) => train::run(&arguments),
         Command::Config(arguments) => config::run(&arguments),
+        Command::Study(arguments) => study::run(&arguments),
         Command::Eval(arguments) => eval::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),

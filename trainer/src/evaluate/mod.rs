@@ -5,7 +5,9 @@
 //! any is run, and results are gathered in their order.
 
 pub mod compare;
+pub mod conditions;
 pub mod gains;
+pub mod goals;
 pub mod intervals;
 pub mod report;
 pub mod selection;

@@ -1,5 +1,7 @@
 //! An evaluation as one object and as tables.
 
+use super::conditions::{Condition, Elsewhere, Extent};
+use super::goals::{self, Goal};
 use super::survival::{Survival, draw_starts, survival};
 use super::tracking::{
     GIVEN_UP_M_S, RAMP_CAP_M_S, SET_POINTS, Tracking, highest_speeds, tracking_table,
@@ -21,6 +23,8 @@ pub struct Report {
     pub tracking: Vec<Tracking>,
     /// By density, m/s.
     pub max_speed: Vec<(f64, f64)>,
+    /// Other legs and worlds.
+    pub elsewhere: Vec<Elsewhere>,
 }
 
 /// The object that `--json` prints, keyed by density.
@@ -32,6 +36,7 @@ struct Json<'a> {
     reward5: Value,
     tracking: &'a [Tracking],
     max_speed: Value,
+    elsewhere: &'a [Elsewhere],
 }
 
 fn keyed<T: Copy, V: Into<Value>>(by_density: &[(f64, T)], f: impl Fn(T) -> V) -> Value {
@@ -40,9 +45,16 @@ fn keyed<T: Copy, V: Into<Value>>(by_density: &[(f64, T)], f: impl Fn(T) -> V) -
 }
 
 impl Report {
-    /// Evaluates `policy` from `starts` starts at each density, the same at all.
+    /// Evaluates `policy` from `starts` starts at each density and in each condition,
+    /// the same in all.
     #[must_use]
     pub fn new(policy: &Policy<'_>, starts: usize, seed: u64) -> Self {
+        Self::of(policy, starts, seed, Extent::default())
+    }
+
+    /// The same, of more or less.
+    #[must_use]
+    pub fn of(policy: &Policy<'_>, starts: usize, seed: u64, extent: Extent) -> Self {
         let starts = draw_starts(starts, &mut Pcg64::seed_from_u64(seed));
         let (actor, gains) = (policy.actor(), &policy.manifest().gains);
         Self {
@@ -51,6 +63,7 @@ impl Report {
                 .to_vec(),
             tracking: tracking_table(actor, gains),
             max_speed: highest_speeds(actor, gains),
+            elsewhere: Condition::all(extent).into_iter().map(|c| c.run(actor, &starts)).collect(),
         }
     }
 
@@ -67,8 +80,45 @@ impl Report {
             reward5: keyed(&self.survival, |s| s.reward5),
             tracking: &self.tracking,
             max_speed: keyed(&self.max_speed, |v| v),
+            elsewhere: &self.elsewhere,
         };
         serde_json::to_string(&json).expect("numbers have a JSON form")
+    }
+}
+
+impl Report {
+    fn write_elsewhere(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "\nOther legs and worlds, from the same starts (m 80 kg, k 20000 N/m, earth, if not said):"
+        )?;
+        writeln!(f, "                rho  survive30  median |v|    95 % |v|  reward, 5 steps")?;
+        for Elsewhere { condition, survival: s } in &self.elsewhere {
+            let (median, p95) = (number(s.abs_v_median, 5), number(s.abs_v_p95, 5));
+            writeln!(
+                f,
+                "{:<13}  {:>4}  {:>9.4}  {median:>10}  {p95:>10}  {:>15.2}",
+                condition.change.to_string(),
+                condition.rho,
+                s.survive30,
+                s.reward5
+            )?;
+        }
+        Ok(())
+    }
+
+    /// The goals among the figures that this report has.
+    fn write_goals(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let goals = goals::robust();
+        let missed: Vec<&Goal> =
+            goals.iter().filter(|goal| !goal.reached(goal.figure.of(self))).collect();
+        let reached = goals.len() - missed.len();
+        write!(f, "\nGoals of a policy for every density: {reached} of {} reached.", goals.len())?;
+        for goal in missed {
+            let value = number(goal.figure.of(self), goal.figure.digits());
+            write!(f, "\n  missed: {} is {value}, wanted {}", goal.figure, goal.text())?;
+        }
+        Ok(())
     }
 }
 
@@ -121,10 +171,12 @@ impl fmt::Display for Report {
         let possible: Vec<&Tracking> = self.tracking.iter().filter(|t| t.possible()).collect();
         let tracked = possible.iter().filter(|t| t.tracked()).count();
         let fell = possible.iter().filter(|t| t.fell).count();
-        write!(
+        writeln!(
             f,
             "Tracked: {tracked} of the {} set-points with a known steady gait; {fell} fell.",
             possible.len()
-        )
+        )?;
+        self.write_elsewhere(f)?;
+        self.write_goals(f)
     }
 }

@@ -98,6 +98,10 @@ pub(crate) fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
     let at = share * last as f64;
     let low = at.floor() as usize;
     let high = (low + 1).min(last);
+    if at == low as f64 || sorted[low] == sorted[high] {
+        // Also where a neighbour is infinite.
+        return Some(sorted[low]);
+    }
     Some(sorted[low] + (sorted[high] - sorted[low]) * (at - low as f64))
 }
 
@@ -111,5 +115,6 @@ mod tests {
         assert_eq!(quantile(&[3.0], 0.95), Some(3.0));
         assert_eq!(quantile(&[1.0, 2.0, 4.0], 0.5), Some(2.0));
         assert_eq!(quantile(&[1.0, 2.0], 0.25), Some(1.25));
+        assert_eq!(quantile(&[1.0, 2.0, f64::INFINITY], 0.5), Some(2.0));
     }
 }

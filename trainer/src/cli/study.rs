@@ -1,0 +1,231 @@
+//! `trainer study`
+
+use super::eval::{MOST_STARTS, SEED};
+use super::output::print;
+use super::{Failure, failed, input};
+use crate::config::{Config, Length};
+use crate::preset::Preset;
+use crate::study::folder::{Folder, SeedReport};
+use crate::study::plan::{Plan, Seeds};
+use crate::study::run::Jobs;
+use crate::study::shard::{Request, Shard};
+use crate::study::summary::Summary;
+use crate::study::{StudyError, list, merge};
+use anyhow::{Context, anyhow};
+use clap::{Args, Subcommand};
+use controller::host::Stop;
+use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+use std::sync::mpsc::RecvTimeoutError;
+use std::time::{Duration, Instant};
+
+/// The progress bar counts in thousandths of a seed.
+const BAR: f64 = 1000.0;
+/// Most seeds at a time.
+const MOST_JOBS: i64 = 1024;
+
+#[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+pub(super) struct Arguments {
+    #[command(subcommand)]
+    command: Option<Command>,
+    #[command(flatten)]
+    study: Option<Study>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Join the folders of shards; writes the summary that one machine would have
+    Merge(Merge),
+}
+
+#[derive(Debug, Args)]
+struct Merge {
+    /// Folders of the study's shards
+    #[arg(required = true)]
+    folders: Vec<PathBuf>,
+    /// The folder to join them in; it may be one of them
+    #[arg(long)]
+    out: PathBuf,
+}
+
+#[derive(Debug, Args)]
+struct Study {
+    /// What to train
+    #[arg(long)]
+    preset: Preset,
+    /// Seeds, from the first to before the end, such as 0..20
+    #[arg(long)]
+    seeds: Seeds,
+    /// The study's folder; one that was begun is gone on with
+    #[arg(long)]
+    out: PathBuf,
+    /// Seeds at a time, each on one thread
+    #[arg(long, default_value = "1", value_parser = clap::value_parser!(u16).range(1..=MOST_JOBS))]
+    jobs: u16,
+    /// The seeds of one of N shards only: I/N, from 1/N to N/N; auto takes it from a
+    /// Slurm job array, auto/N from an indexed job of Kubernetes with N completions
+    #[arg(long, value_name = "I/N|auto|auto/N")]
+    shard: Option<Request>,
+    /// Length of the last stage in environment steps, instead of the preset's
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
+    steps: Option<u64>,
+    /// Starts at each density and in each condition of an evaluation
+    #[arg(
+        long,
+        default_value_t = 5000,
+        value_parser = clap::value_parser!(u32).range(1..=MOST_STARTS)
+    )]
+    eval_starts: u32,
+}
+
+impl Study {
+    fn config(&self) -> Result<Config, Failure> {
+        let mut config = self.preset.config();
+        if let (Some(n), Some(last)) = (self.steps, config.stages.last_mut()) {
+            last.length = Length::Steps(n);
+        }
+        config.check().context("--preset").map_err(input)?;
+        Ok(config)
+    }
+
+    fn shard(&self) -> Result<Shard, Failure> {
+        let request = self.shard.unwrap_or(Request::Named(Shard::ALL));
+        // What is no Unicode is no number either.
+        let variable =
+            |name: &str| std::env::var_os(name).map(|v| v.to_string_lossy().into_owned());
+        request.resolve(variable).context("--shard").map_err(input)
+    }
+
+    fn run(&self) -> Result<(), Failure> {
+        let shard = self.shard()?;
+        let plan = Plan::new(self.config()?, self.seeds, self.eval_starts, SEED);
+        let folder = Folder::begin(&self.out, plan).map_err(refused)?;
+        let mut missing = Vec::new();
+        for seed in shard.of(self.seeds) {
+            if folder.report(seed).map_err(refused)?.is_none() {
+                missing.push(seed);
+            }
+        }
+        let all = shard.of(self.seeds).count();
+        if missing.len() < all {
+            eprintln!("{} of {all} seeds are done already.", all - missing.len());
+        }
+        if !missing.is_empty() {
+            let jobs = NonZeroUsize::new(usize::from(self.jobs)).unwrap_or(NonZeroUsize::MIN);
+            train(&folder, missing, jobs)?;
+        }
+        let (reports, missing) = folder.reports().map_err(refused)?;
+        if missing.is_empty() {
+            return summarise(&folder, reports);
+        }
+        print(&format!(
+            "Shard {shard} is done: {all} seeds. Of the study's {}, {} are not in {} yet ({}); \
+             join the shards by: trainer study merge FOLDER... --out FOLDER",
+            self.seeds.count(),
+            missing.len(),
+            self.out.display(),
+            list(&missing)
+        ))
+    }
+}
+
+/// Which exit status an error deserves.
+fn refused(error: StudyError) -> Failure {
+    match error {
+        StudyError::File { .. } | StudyError::Picture(_) => failed(error),
+        _ => input(error),
+    }
+}
+
+/// Trains and evaluates seeds, and keeps what they come to.
+fn train(folder: &Folder, seeds: Vec<u64>, jobs: NonZeroUsize) -> Result<(), Failure> {
+    let stop = Stop::on_signals().context("signals").map_err(failed)?;
+    let (all, began) = (seeds.len(), Instant::now());
+    let bar = progress_bar(all);
+    let work = Jobs::start(folder.plan(), seeds, jobs);
+    let mut done = 0;
+    while done < all && !stop.is_raised() {
+        match work.done.recv_timeout(Duration::from_millis(100)) {
+            Ok(run) => {
+                // Here, and not on the job's thread, which a signal may end at any time.
+                let report = folder.keep(&run).map_err(refused)?;
+                done += 1;
+                let to_go = began.elapsed().mul_f64((all - done) as f64 / done as f64);
+                let line = told(&report);
+                bar.suspend(|| {
+                    eprintln!("{line}  [{done} of {all}, {} to go]", HumanDuration(to_go));
+                });
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => {
+                return Err(failed(anyhow!("a job ended early; the same command goes on")));
+            }
+        }
+        bar.set_message(format!("{done} of {all} seeds"));
+        bar.set_position((BAR * (done as f64 + work.share_under_way())) as u64);
+    }
+    bar.finish_and_clear();
+    if done < all {
+        return Err(failed(anyhow!(
+            "stopped by a signal with {done} of {all} seeds done; the same command goes on"
+        )));
+    }
+    Ok(())
+}
+
+/// A seed's result in a line.
+fn told(report: &SeedReport) -> String {
+    use crate::evaluate::DENSITIES;
+    use crate::evaluate::goals::{Figure, robust};
+    let seed = report.seed;
+    if let Some(why) = &report.failure {
+        return format!("seed {seed}: no policy: {why}");
+    }
+    let survive = DENSITIES.map(|rho| (report.figure(Figure::Survive30(rho)).unwrap_or(0.0), rho));
+    let (lowest, rho) = survive.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or_default();
+    let figure = |figure| report.figure(figure).unwrap_or(0.0);
+    let goals = robust();
+    let reached = goals.iter().filter(|goal| goal.reached(report.figure(goal.figure))).count();
+    format!(
+        "seed {seed}: survive30 {lowest:.4} at worst, at rho {rho}; tracks {} of 42; {:.1} m/s on \
+         land; {reached} of {} goals",
+        figure(Figure::Tracked),
+        figure(Figure::MaxSpeed(0.0)),
+        goals.len()
+    )
+}
+
+/// Writes the summary, and prints it.
+fn summarise(folder: &Folder, reports: Vec<SeedReport>) -> Result<(), Failure> {
+    let summary = Summary::new(folder.plan().clone(), reports);
+    summary.write(folder).map_err(refused)?;
+    let at = folder.path().display();
+    print(&format!("{summary}\n\n{at}: summary.csv, seeds.csv, summary.svg"))
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    match (&arguments.command, &arguments.study) {
+        (Some(Command::Merge(Merge { folders, out })), _) => {
+            let merged = merge::merge(folders, out).map_err(refused)?;
+            if !merged.duplicates.is_empty() {
+                let seeds = list(&merged.duplicates);
+                eprintln!("In more than one folder, the same in each, and counted once: {seeds}.");
+            }
+            let (reports, _) = merged.folder.reports().map_err(refused)?;
+            summarise(&merged.folder, reports)
+        }
+        (None, Some(study)) => study.run(),
+        (None, None) => Err(input(anyhow!("--preset, --seeds and --out are needed"))),
+    }
+}
+
+/// On a terminal only: elsewhere it draws nothing.
+fn progress_bar(seeds: usize) -> ProgressBar {
+    let style = ProgressStyle::with_template("{bar:40} {msg}  {elapsed}, {eta} to go")
+        .expect("a valid template");
+    let bar = ProgressBar::new((BAR * seeds as f64) as u64).with_style(style);
+    bar.enable_steady_tick(Duration::from_millis(500));
+    bar
+}

@@ -1,0 +1,91 @@
+//! The folders of shards, joined.
+
+use super::StudyError;
+use super::folder::{Folder, LEARNING, POLICY, REPORT};
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+/// What was joined.
+#[derive(Debug)]
+pub struct Merged {
+    /// The folder with all seeds.
+    pub folder: Folder,
+    /// Seeds that were in more than one folder, the same in each.
+    pub duplicates: Vec<u64>,
+}
+
+/// Joins `folders`, at least one, into `out`, which may be one of them. Nothing is
+/// written unless all of the study's seeds are there.
+///
+/// # Errors
+/// Folders of different studies, missing seeds, seeds that differ between folders;
+/// what the system refuses.
+pub fn merge(folders: &[PathBuf], out: &Path) -> Result<Merged, StudyError> {
+    let opened: Vec<Folder> = folders.iter().map(|f| Folder::open(f)).collect::<Result<_, _>>()?;
+    let Some(plan) = opened.first().map(|folder| folder.plan().clone()) else {
+        return Err(StudyError::content(out, &"nothing to join"));
+    };
+    let mut sources: BTreeMap<u64, &Folder> = BTreeMap::new();
+    let mut duplicates = Vec::new();
+    for (folder, path) in opened.iter().zip(folders) {
+        // Of the same plan, or refused.
+        Folder::begin(path, plan.clone())?;
+        for report in folder.reports()?.0 {
+            let seed = report.seed;
+            match sources.get(&seed) {
+                None => _ = sources.insert(seed, folder),
+                Some(first) if same_place(first.path(), path) => {}
+                Some(first) => {
+                    agree(seed, first, folder)?;
+                    duplicates.push(seed);
+                }
+            }
+        }
+    }
+    let missing: Vec<u64> = plan.seeds.iter().filter(|s| !sources.contains_key(s)).collect();
+    if !missing.is_empty() {
+        return Err(StudyError::Missing { all: plan.seeds.count(), seeds: missing });
+    }
+    let folder = Folder::begin(out, plan)?;
+    for (&seed, source) in &sources {
+        if same_place(source.path(), out) {
+            continue;
+        }
+        folder.begin_seed(seed)?;
+        // In this order: the report last.
+        for name in [LEARNING, POLICY, REPORT] {
+            if let Some(content) = content(&source.seed(seed).join(name))? {
+                folder.write(seed, name, &content)?;
+            }
+        }
+    }
+    duplicates.sort_unstable();
+    duplicates.dedup();
+    Ok(Merged { folder, duplicates })
+}
+
+fn same_place(a: &Path, b: &Path) -> bool {
+    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
+}
+
+/// Whether two folders have the same of a seed, byte for byte.
+fn agree(seed: u64, first: &Folder, second: &Folder) -> Result<(), StudyError> {
+    for name in [REPORT, POLICY, LEARNING] {
+        let of = |folder: &Folder| content(&folder.seed(seed).join(name));
+        if of(first)? != of(second)? {
+            let [first, second] = [first, second].map(|folder| folder.path().to_owned());
+            return Err(StudyError::Contradiction { seed, name, first, second });
+        }
+    }
+    Ok(())
+}
+
+fn content(file: &Path) -> Result<Option<Vec<u8>>, StudyError> {
+    match fs::read(file) {
+        Ok(bytes) => Ok(Some(bytes)),
+        Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
+        Err(e) => Err(StudyError::file(file)(e)),
+    }
+}

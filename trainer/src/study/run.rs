@@ -1,0 +1,130 @@
+//! Seeds trained, finished and evaluated, several at a time.
+
+use super::plan::Plan;
+use crate::evaluate::report::Report;
+use crate::finish::Finished;
+use crate::simd::Isa;
+use crate::train::Training;
+use controller::policy::Policy;
+use std::num::NonZeroUsize;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, channel};
+
+/// What a seed came to.
+#[derive(Clone, Debug)]
+pub struct SeedRun {
+    /// The seed.
+    pub seed: u64,
+    /// A row for every episode.
+    pub learning_csv: Vec<u8>,
+    /// The policy and its evaluation, or why there is none.
+    pub outcome: Result<Trained, String>,
+}
+
+/// A training that left a policy.
+#[derive(Clone, Debug)]
+pub struct Trained {
+    /// The policy file.
+    pub policy: Vec<u8>,
+    /// Steps after which the actor that is kept was.
+    pub kept_steps: u64,
+    /// How it does.
+    pub report: Report,
+}
+
+/// Seeds under way on threads of their own.
+#[derive(Debug)]
+pub struct Jobs {
+    /// Each seed as it is done; it ends when all are, or when stopped.
+    pub done: Receiver<SeedRun>,
+    stopped: Arc<AtomicBool>,
+    under_way: Arc<Vec<AtomicU64>>,
+}
+
+/// Share of training of one seed is counted in this.
+const WHOLE: f64 = 1e6;
+
+impl Jobs {
+    /// Begins with `jobs` seeds at a time, each on one thread alone.
+    ///
+    /// # Panics
+    /// If the system has no more threads.
+    #[must_use]
+    pub fn start(plan: &Plan, seeds: Vec<u64>, jobs: NonZeroUsize) -> Self {
+        let jobs = jobs.get().min(seeds.len());
+        let (sender, done) = channel();
+        let stopped = Arc::new(AtomicBool::new(false));
+        let under_way: Arc<Vec<AtomicU64>> =
+            Arc::new((0..jobs).map(|_| AtomicU64::new(0)).collect());
+        let plan = Arc::new(plan.clone());
+        let (seeds, next) = (Arc::new(seeds), Arc::new(AtomicUsize::new(0)));
+        for job in 0..jobs {
+            let (plan, seeds, next) = (plan.clone(), seeds.clone(), next.clone());
+            let (sender, stopped) = (sender.clone(), stopped.clone());
+            let under_way = under_way.clone();
+            // What evaluates uses the pool of the thread that it is called on: this
+            // keeps a job to its one thread.
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+            std::thread::spawn(move || {
+                while let Some(&seed) = seeds.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    let at = &under_way[job];
+                    let told = |share: f64| at.store((share * WHOLE) as u64, Ordering::Relaxed);
+                    let go_on = |share: f64| {
+                        told(share);
+                        !stopped.load(Ordering::Relaxed)
+                    };
+                    let Some(run) = pool.install(|| one(&plan, seed, go_on)) else { break };
+                    told(0.0);
+                    // Nobody to take it: stopped.
+                    if sender.send(run).is_err() {
+                        break;
+                    }
+                }
+            });
+        }
+        Self { done, stopped, under_way }
+    }
+
+    /// Seeds' worth of training of those that are not done yet.
+    #[must_use]
+    pub fn share_under_way(&self) -> f64 {
+        self.under_way.iter().map(|at| at.load(Ordering::Relaxed) as f64 / WHOLE).sum()
+    }
+}
+
+impl Drop for Jobs {
+    fn drop(&mut self) {
+        self.stopped.store(true, Ordering::Relaxed);
+    }
+}
+
+/// One seed from its first step to its evaluation; `None` when told not to go on.
+/// `go_on` is asked after every episode, with the share of the training done.
+fn one(plan: &Plan, seed: u64, go_on: impl Fn(f64) -> bool) -> Option<SeedRun> {
+    let mut training = Training::new(plan.config.clone(), seed, Isa::best());
+    let mut log = csv::Writer::from_writer(Vec::new());
+    let learnt = loop {
+        match training.episode() {
+            Ok(Some(record)) => log.serialize(record).expect("a row in memory"),
+            Ok(None) => break Ok(()),
+            Err(diverged) => break Err(diverged.to_string()),
+        }
+        if !go_on(training.share_done()) {
+            return None;
+        }
+    };
+    let learning_csv = log.into_inner().expect("rows in memory");
+    let outcome = learnt.and_then(|()| finish(plan, &training));
+    Some(SeedRun { seed, learning_csv, outcome })
+}
+
+/// Training that collapsed may leave what the controller refuses: a result, too.
+fn finish(plan: &Plan, training: &Training) -> Result<Trained, String> {
+    let finished = Finished::new(training);
+    let blob = finished.blob().map_err(|e| e.to_string())?;
+    let policy = Policy::parse(blob.as_slice()).map_err(|e| e.to_string())?;
+    let report = Report::new(&policy, plan.eval_starts as usize, plan.eval_seed);
+    let kept_steps = policy.manifest().provenance.steps;
+    Ok(Trained { policy: blob.as_slice().to_vec(), kept_steps, report })
+}

@@ -1,0 +1,205 @@
+//! Studies as a user runs them: interrupted, split, joined, the same to the last bit.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+const SHORT: &str = "study --preset air --steps 900 --eval-starts 20 --seeds 0..4";
+
+fn command(line: &str, directory: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_trainer"));
+    command.args(line.split(' ')).current_dir(directory);
+    for name in ["SLURM_ARRAY_TASK_ID", "JOB_COMPLETION_INDEX"] {
+        command.env_remove(name);
+    }
+    command
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).unwrap()
+}
+
+fn run(line: &str, directory: &Path) -> String {
+    let output = command(line, directory).output().unwrap();
+    assert!(output.status.success(), "{line}: {}", text(&output.stderr));
+    text(&output.stdout)
+}
+
+fn refused(output: &Output) -> String {
+    let error = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{error}");
+    error
+}
+
+/// Every file below a folder, by its path from there.
+fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    fn gather(root: &Path, folder: &Path, all: &mut BTreeMap<String, Vec<u8>>) {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                gather(root, &path, all);
+            } else {
+                let name = path.strip_prefix(root).unwrap().to_str().unwrap().to_owned();
+                all.insert(name, fs::read(&path).unwrap());
+            }
+        }
+    }
+    let mut all = BTreeMap::new();
+    gather(folder, folder, &mut all);
+    all
+}
+
+fn assert_same(a: &Path, b: &Path) {
+    let (a, b) = (files(a), files(b));
+    assert_eq!(a.keys().collect::<Vec<_>>(), b.keys().collect::<Vec<_>>());
+    for (name, content) in &a {
+        assert!(b[name] == *content, "{name} differs");
+    }
+}
+
+#[test]
+fn a_study_is_the_same_in_one_piece_killed_or_in_shards() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    let table = run(&format!("{SHORT} --out whole --jobs 2"), at);
+    for said in ["air: seeds 0..4", "Worst seed: ", "still hopping", "whole: summary.csv"] {
+        assert!(table.contains(said), "{said} is not in {table}");
+    }
+    let whole = files(&at.join("whole"));
+    assert_eq!(whole.len(), 4 + 4 * 3, "{:?}", whole.keys());
+    // A seed's policy is what `train` makes of it.
+    run("train --preset air --steps 900 --seed 3 --out p.bin --log l.csv --eval-starts 0", at);
+    assert!(whole["seeds/0003/policy.bin"] == fs::read(at.join("p.bin")).unwrap());
+    assert!(whole["seeds/0003/learning.csv"] == fs::read(at.join("l.csv")).unwrap());
+
+    // Done already: nothing is trained again.
+    let modified = || fs::metadata(at.join("whole/seeds/0000/report.json")).unwrap().modified();
+    let before = modified().unwrap();
+    assert_eq!(run(&format!("{SHORT} --out whole"), at), table);
+    assert_eq!(modified().unwrap(), before);
+
+    killed(at);
+    assert_same(&at.join("whole"), &at.join("killed"));
+    shards(at, &table);
+}
+
+/// Kills a study after its first seed, and goes on with it.
+fn killed(at: &Path) {
+    let line = format!("{SHORT} --out killed");
+    let mut child = command(&line, at).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let first = at.join("killed/seeds/0000/report.json");
+    let began = Instant::now();
+    while !first.exists() {
+        assert!(began.elapsed() < Duration::from_mins(2), "no seed is done");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(!at.join("killed/summary.csv").exists(), "it was done before it was killed");
+    // As if the kill had come in the middle of a write.
+    fs::create_dir_all(at.join("killed/seeds/0003")).unwrap();
+    fs::write(at.join("killed/seeds/0003/.tmpAbCdEf"), "half").unwrap();
+    let output = command(&line, at).output().unwrap();
+    assert!(output.status.success());
+    assert!(text(&output.stderr).contains(" of 4 seeds are done already"));
+}
+
+fn shards(at: &Path, table: &str) {
+    let slurm = |id: &str| {
+        command(&format!("{SHORT} --out part{id} --shard auto"), at)
+            .envs([("SLURM_ARRAY_TASK_ID", id), ("SLURM_ARRAY_TASK_COUNT", "2")])
+            .envs([("SLURM_ARRAY_TASK_MIN", "0"), ("SLURM_ARRAY_TASK_MAX", "1")])
+            .output()
+            .unwrap()
+    };
+    let output = slurm("0");
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let said = text(&output.stdout);
+    assert!(said.contains("Shard 1/2 is done: 2 seeds") && said.contains("(1, 3)"), "{said}");
+    let merge = |line: &str| command(line, at).output().unwrap();
+    let error = refused(&merge("study merge part0 --out joined"));
+    assert!(error.contains("missing of the study's 4 seeds: 1, 3;"), "{error}");
+    assert!(!at.join("joined").exists());
+    assert!(slurm("1").status.success());
+    let joined = run("study merge part0 part1 --out joined", at);
+    assert_eq!(joined.replace("joined: ", "whole: "), table);
+    assert_same(&at.join("whole"), &at.join("joined"));
+
+    // A seed in two folders is named, and must be the same.
+    let twice = merge("study merge part0 part1 joined --out joined");
+    assert!(text(&twice.stderr).contains("counted once: 0, 1, 2, 3."), "{}", text(&twice.stderr));
+    assert_same(&at.join("whole"), &at.join("joined"));
+    fs::write(at.join("part1/seeds/0001/policy.bin"), "other").unwrap();
+    let error = refused(&merge("study merge joined part1 --out again"));
+    assert!(error.contains("seed 1 is in joined and in part1"), "{error}");
+    assert!(!at.join("again").exists());
+
+    // Kubernetes, all pods in one folder: the last one finds all seeds there.
+    for pod in ["1", "0"] {
+        let line = format!("{SHORT} --out shared --shard auto/2");
+        let output = command(&line, at).env("JOB_COMPLETION_INDEX", pod).output().unwrap();
+        assert!(output.status.success(), "{}", text(&output.stderr));
+    }
+    assert_same(&at.join("whole"), &at.join("shared"));
+}
+
+#[test]
+fn what_cannot_be_studied_is_named_with_status_2() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    let short = "study --preset air --steps 50 --eval-starts 1";
+    run(&format!("{short} --seeds 0..1 --out s"), at);
+    fs::create_dir(at.join("empty")).unwrap();
+    for (line, said) in [
+        ("study", "--preset"),
+        ("study --preset air --seeds 0..0 --out n", "0..0 holds no seed"),
+        ("study --preset air --seeds 4 --out n", "'4' is not FIRST..END"),
+        ("study --preset air --seeds 0..4 --out n --jobs 0", "--jobs"),
+        ("study --preset air --seeds 0..4 --out n --shard 0/4", "from 1, so that they are 1/4"),
+        ("study --preset air --seeds 0..4 --out n --shard auto", "neither SLURM_ARRAY_TASK_ID"),
+        (
+            "study --preset air --steps 51 --eval-starts 1 --seeds 0..1 --out s",
+            "s: holds another study: config.stages[0].length.steps is 50 there, but 51 here",
+        ),
+        (
+            "study --preset air --steps 50 --eval-starts 2 --seeds 0..1 --out s",
+            "eval_starts is 1 there, but 2 here",
+        ),
+        ("study merge empty --out n", "empty/study.toml: is not there: no study was begun here"),
+        ("study merge --out n", "FOLDERS"),
+    ] {
+        let error = refused(&command(line, at).output().unwrap());
+        assert!(error.contains(said), "{line}: {error}");
+    }
+    assert!(!at.join("n").exists());
+    // Another study, or a seed of another one, is not joined.
+    run(&format!("{short} --seeds 0..2 --out t"), at);
+    let error = refused(&command("study merge s t --out n", at).output().unwrap());
+    assert!(error.contains("t: holds another study: seeds is"), "{error}");
+    fs::copy(at.join("t/seeds/0001/report.json"), at.join("t/seeds/0000/report.json")).unwrap();
+    let error = refused(&command("study merge t --out n", at).output().unwrap());
+    assert!(error.contains("t/seeds/0000/report.json: seed is 1, not this study's 0"), "{error}");
+}
+
+#[test]
+fn a_signal_stops_a_study_in_good_order() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    let line = "study --preset air --steps 1000000000 --seeds 0..2 --out s";
+    let child = command(line, at).stderr(Stdio::piped()).spawn().unwrap();
+    let began = Instant::now();
+    while !at.join("s/study.toml").exists() && began.elapsed() < Duration::from_mins(1) {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    // The signals are seen to right after the folder is begun.
+    std::thread::sleep(Duration::from_millis(300));
+    let kill = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(kill.success());
+    let output = child.wait_with_output().unwrap();
+    let error = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{error}");
+    assert!(error.contains("stopped by a signal with 0 of 2 seeds done"), "{error}");
+    assert_eq!(files(&at.join("s")).keys().collect::<Vec<_>>(), ["study.toml"]);
+}
