@@ -3,6 +3,7 @@
 // compiled for it, or it would fall back to the baseline.
 #![allow(clippy::inline_always, reason = "see `simd`")]
 
+pub mod bridge;
 pub mod cli;
 pub mod config;
 pub mod ddpg;
@@ -10,7 +11,6 @@ pub mod environment;
 pub mod evaluate;
 pub mod explore;
 pub mod finish;
-pub mod import;
 pub mod net;
 pub mod policy;
 pub mod preset;

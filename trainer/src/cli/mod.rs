@@ -2,7 +2,9 @@
 //! given cannot be used.
 
 mod bench;
+mod env;
 mod eval;
+mod export;
 mod import;
 mod infer;
 mod inspect;
@@ -31,8 +33,12 @@ enum Command {
     Inspect(inspect::Arguments),
     /// Actions for observations in a CSV file
     Infer(infer::Arguments),
-    /// Make a policy file from an actor in JSON
+    /// Make a policy file from an actor trained elsewhere: safetensors, ONNX, JSON
     Import(import::Arguments),
+    /// Write a policy's actor as safetensors, ONNX or C
+    Export(export::Arguments),
+    /// Be the environment of another program's training, line by line
+    Env(env::Arguments),
     /// Measure the speed of training
     Bench(bench::Arguments),
 }
@@ -93,6 +99,8 @@ pub fn main() -> ExitCode {
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Infer(arguments) => infer::run(&arguments),
         Command::Import(arguments) => import::run(&arguments),
+        Command::Export(arguments) => export::run(&arguments),
+        Command::Env(arguments) => env::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
     };
     let (error, status) = match result {
