@@ -8,8 +8,9 @@ use rand_pcg::Pcg64;
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
 use std::collections::HashMap;
+use std::io::Write;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 use trainer::bridge::card::KEY;
 use trainer::bridge::draft::{Draft, Given};
 use trainer::bridge::{ImportError, onnx, safetensors as st};
@@ -254,4 +255,44 @@ fn the_commands_there_and_back() {
         assert!(error.contains(said), "{line}: {error}");
     }
     assert!(!path("q.bin").exists() && !path("x.c").exists());
+}
+
+/// What `trainer env` answers, and its exit status.
+fn env(input: &str) -> (String, String, Option<i32>) {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_trainer"))
+        .args(["env", "--seed", "3"])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    child.stdin.take().unwrap().write_all(input.as_bytes()).unwrap();
+    let output = child.wait_with_output().unwrap();
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    (text(output.stdout), text(output.stderr), output.status.code())
+}
+
+#[test]
+fn the_environment_answers_line_by_line() {
+    let upright = "step 1.57 0\n".repeat(3);
+    let (said, error, status) = env(&format!("reset\n{upright}reset\n"));
+    assert_eq!((error.as_str(), status), ("", Some(0)));
+    let lines: Vec<Vec<&str>> = said.lines().map(|l| l.split(' ').collect()).collect();
+    assert_eq!(lines.iter().map(Vec::len).collect::<Vec<_>>(), [3, 5, 5, 5, 3]);
+    assert!(lines[1..4].iter().all(|l| l[4] == "no" && l[2] == lines[0][2]), "{said}");
+    assert_eq!(env(&format!("reset\n{upright}reset\n")).0, said);
+    // A leg stretched far back catches nothing, and the episode is over.
+    let (said, error, status) = env(&format!("reset\n{}", "step 0 0\n".repeat(20)));
+    assert!(said.lines().last().unwrap().ends_with(" -0.5 fall"), "{said}");
+    assert!(error.contains("no episode under way; reset first"), "{error}");
+    assert_eq!(status, Some(2));
+    for (input, wanted) in [
+        ("jump\n", "line 1: 'jump' is neither reset nor step ALPHA RS"),
+        ("reset\nstep 1 x\n", "line 2: 'x' is not a finite number"),
+        ("reset\nstep NaN 0\n", "line 2: 'NaN' is not a finite number"),
+        ("step 1 1\n", "line 1: no episode under way"),
+    ] {
+        let (_, error, status) = env(input);
+        assert!(error.contains(wanted) && status == Some(2), "{error}");
+    }
 }

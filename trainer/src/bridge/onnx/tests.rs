@@ -185,7 +185,7 @@ fn what_no_actor_does_is_named() {
     assert!(refused(&tanh).contains("node Gemm \"n_act\": a layer after Tanh; hidden"));
     let straight = ["Gemm:transB=1 obs w1 b1 > a", "Gemm:transB=1 a w2 b2 > c", "Tanh c > act"];
     assert!(refused(&straight).contains("two layers without a ReLU between them"));
-    let wrong = ["Gemm obs w1 b1 > a", "Tanh a > act"];
+    let wrong = ["Gemm obs w1 > a", "Tanh a > act"];
     assert!(refused(&wrong).contains("a layer of 2 inputs where 3 arrive"));
     let no_tanh = ["Gemm:transB=1 obs w1 b1 > act"];
     assert!(refused(&no_tanh).contains("a layer before its ReLU, with no Tanh at the end"));
