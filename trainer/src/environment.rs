@@ -130,13 +130,23 @@ impl<'a> Environment<'a> {
         [0, 1, 2].map(|i| (seen[i] - network.observation_offset[i]) * network.observation_scale[i])
     }
 
+    /// The apex that the next step starts from.
+    #[must_use]
+    pub fn apex(&self) -> Apex {
+        self.apex
+    }
+
     /// One step with an action in unit space, clipped to the leg's bounds.
     pub fn step(&mut self, unit: [f32; 2]) -> Outcome {
         let n = &self.config.network;
-        let [alpha_rad, rs_m_s] = [0, 1].map(|i| {
-            let x = n.action_offset[i] + n.action_scale[i] * unit[i];
-            f64::from(x.clamp(n.action_low[i], n.action_high[i]))
-        });
+        self.act([0, 1].map(|i| f64::from(n.action_offset[i] + n.action_scale[i] * unit[i])))
+    }
+
+    /// One step with an action in rad and m/s, clipped to the leg's bounds.
+    pub fn act(&mut self, action: [f64; 2]) -> Outcome {
+        let n = &self.config.network;
+        let [alpha_rad, rs_m_s] = [0, 1]
+            .map(|i| action[i].clamp(f64::from(n.action_low[i]), f64::from(n.action_high[i])));
         let action = Action { alpha_rad, rs_m_s };
         let next = self.hopper.hop(self.apex, action).outcome.next();
         let reward = self.config.reward.of(action, next, self.density_ratio);

@@ -3,6 +3,7 @@
 // compiled for it, or it would fall back to the baseline.
 #![allow(clippy::inline_always, reason = "see `simd`")]
 
+pub mod bridge;
 pub mod cli;
 pub mod config;
 pub mod curves;
@@ -11,7 +12,6 @@ pub mod environment;
 pub mod evaluate;
 pub mod explore;
 pub mod finish;
-pub mod import;
 mod lines;
 pub mod net;
 pub mod policy;

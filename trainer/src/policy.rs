@@ -2,10 +2,14 @@
 
 use crate::config::{Config, MediumDraw, Stage};
 use crate::net::mlp::Layer;
-use controller::actor::{ActionScaling, Actor, ObservationScaling, ShapeError, Widths, pack};
+use controller::actor::{
+    ActionScaling, Actor, ObservationScaling, PANEL_ROWS, ShapeError, Widths, pack,
+};
 use controller::host::blob::AlignedBytes;
 use controller::leg::LegModel;
-use controller::policy::{GainPoint, GainSchedule, Manifest, Media, Provenance, WriteError, write};
+use controller::policy::{
+    GainPoint, GainSchedule, Manifest, Media, Policy, Provenance, WriteError, write,
+};
 
 /// An actor by itself: packed weights and scalings.
 #[derive(Clone, Debug, PartialEq)]
@@ -64,6 +68,20 @@ impl Frozen {
         Self::new(layers, observation, action).expect("an actor 3-50-50-2")
     }
 
+    /// The layers in natural order, as [`Self::new`] takes them.
+    #[must_use]
+    pub fn layers(&self) -> Vec<Layer> {
+        let mut rest = self.packed.as_slice();
+        let pairs = self.widths.iter().zip(self.widths.iter().skip(1));
+        pairs
+            .map(|(&inputs, &outputs)| {
+                let (inputs, outputs) = (usize::from(inputs), usize::from(outputs));
+                let own = rest.split_off(..(inputs + 1) * outputs).unwrap_or_default();
+                unpack(own, inputs, outputs)
+            })
+            .collect()
+    }
+
     /// The actor as the controller runs it.
     ///
     /// # Panics
@@ -73,6 +91,36 @@ impl Frozen {
         Actor::new(self.widths.clone(), self.observation, self.action, &self.packed)
             .expect("checked when made")
     }
+}
+
+impl From<&Policy<'_>> for Frozen {
+    fn from(policy: &Policy<'_>) -> Self {
+        let manifest = policy.manifest();
+        Self {
+            widths: manifest.widths.clone(),
+            observation: manifest.observation,
+            action: manifest.action,
+            packed: policy.actor().weights().to_vec(),
+        }
+    }
+}
+
+/// One layer of packed weights in natural order: what [`pack`] does, undone.
+fn unpack(packed: &[f32], inputs: usize, outputs: usize) -> Layer {
+    let mut layer =
+        Layer { inputs, weights: vec![0.0; inputs * outputs], bias: Vec::with_capacity(outputs) };
+    let panels = packed.chunks(PANEL_ROWS * (inputs + 1));
+    for (panel, rows) in panels.zip(layer.weights.chunks_mut(PANEL_ROWS * inputs)) {
+        let height = rows.len() / inputs;
+        let (biases, columns) = panel.split_at(height);
+        layer.bias.extend_from_slice(biases);
+        for (i, column) in columns.chunks(height).enumerate() {
+            for (j, &weight) in column.iter().enumerate() {
+                rows[j * inputs + i] = weight;
+            }
+        }
+    }
+    layer
 }
 
 /// What a policy file says beside its actor.
@@ -116,9 +164,17 @@ pub fn blob(frozen: &Frozen, about: &About<'_>) -> Result<AlignedBytes, WriteErr
         },
         gains,
     };
-    let room = 4 * frozen.packed.len() + about.config.len() + 4096;
+    blob_of(&manifest, &frozen.packed)
+}
+
+/// The blob of packed weights under a manifest, at a 4-byte aligned address.
+///
+/// # Errors
+/// [`WriteError`] when the controller would refuse it.
+pub fn blob_of(manifest: &Manifest<'_>, packed: &[f32]) -> Result<AlignedBytes, WriteError> {
+    let room = 4 * packed.len() + manifest.provenance.config.len() + 4096;
     let mut bytes = AlignedBytes::zeros(room);
-    let len = write(&manifest, &frozen.packed, bytes.as_mut_slice())?;
+    let len = write(manifest, packed, bytes.as_mut_slice())?;
     bytes.truncate(len);
     Ok(bytes)
 }
@@ -140,7 +196,27 @@ impl Config {
 
 #[cfg(test)]
 mod tests {
+    use super::Frozen;
+    use crate::net::mlp::Layer;
     use crate::preset::Preset;
+    use controller::actor::{ActionScaling, ObservationScaling};
+
+    #[test]
+    fn layers_come_back_out_of_the_packed_weights() {
+        // Widths that fill a panel, fall short of one, and run over several.
+        for hidden in [1, 9, 10, 11, 50, 128] {
+            let layer = |inputs: usize, outputs: usize| Layer {
+                inputs,
+                weights: (0..inputs * outputs).map(|i| i as f32 + 0.5).collect(),
+                bias: (0..outputs).map(|i| -(i as f32)).collect(),
+            };
+            let layers = [layer(3, hidden), layer(hidden, 37), layer(37, 2)];
+            let action =
+                ActionScaling { scale: [1.0; 2], offset: [0.0; 2], low: [0.0; 2], high: [1.0; 2] };
+            let frozen = Frozen::new(&layers, ObservationScaling::IDENTITY, action).unwrap();
+            assert_eq!(frozen.layers(), layers);
+        }
+    }
 
     #[test]
     fn the_densities_are_those_of_all_stages() {

@@ -27,8 +27,8 @@ pub enum Preset {
 }
 
 /// Lowest and highest touchdown angle, rad, and elongation speed, m/s.
-const ACTION_LOW: [f32; 2] = [PI / 10.0, 0.0];
-const ACTION_HIGH: [f32; 2] = [PI / 1.2, 2.0];
+pub(crate) const ACTION_LOW: [f32; 2] = [PI / 10.0, 0.0];
+pub(crate) const ACTION_HIGH: [f32; 2] = [PI / 1.2, 2.0];
 
 impl Preset {
     /// Its configuration.

@@ -11,11 +11,11 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use trainer::bridge::json::from_json;
 use trainer::evaluate::conditions::{Change, Condition};
 use trainer::evaluate::hopper;
 use trainer::evaluate::survival::{Survival, draw_starts, survival};
 use trainer::evaluate::tracking::{highest_speed, track};
-use trainer::import::from_json;
 use trainer::policy::Frozen;
 
 /// The folder of the reference data; `None`, and a word on the standard error, where

@@ -2,68 +2,215 @@
 
 use super::output::{Target, print};
 use super::{Failure, failed, input};
-use crate::import::from_json;
-use crate::policy::{About, blob};
+use crate::bridge::draft::{Draft, Given, Imported};
+use crate::bridge::{ImportError, json, onnx, safetensors};
+use crate::evaluate::gains::search;
+use crate::policy::{About, blob, blob_of};
 use anyhow::{Context, anyhow};
-use clap::Args;
-use controller::policy::GainPoint;
-use std::path::PathBuf;
+use clap::{Args, value_parser};
+use controller::host::blob::AlignedBytes;
+use controller::policy::{GainPoint, Policy};
+use indicatif::{ProgressBar, ProgressStyle};
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 
-/// The layout, in short; the documentation of `trainer::import` is the reference.
-const LAYOUT: &str = r#"The JSON layout:
+/// The layouts, in short; the documentation of `trainer::bridge` is the reference.
+const LAYOUT: &str = r#"A safetensors file holds linear layers, such as 0.weight (outputs, inputs) and 0.bias.
+The actor is the only module whose layers lead from 3 inputs to 2 outputs; where there
+are several, or its layers are in several modules, --layers names them in order. ReLU
+between the layers and tanh after the last are taken for granted.
+
+An ONNX file holds a graph from one input, rows of 3, to rows of 2: Gemm or MatMul and
+Add with Relu between, Tanh at the end, and what scales and clips before and after.
+
+The inputs are vx (m/s), y (m) and density ratio rho; the network sees (input - offset)
+* scale. The outputs are the touchdown angle alpha (rad) and the elongation speed rs
+(m/s), clip(offset + scale * tanh(z), low, high). What a file does not say comes from
+the options, or else: inputs as they are; low and high pi/10 to pi/1.2 rad, 0 to 2 m/s;
+tanh from -1 to 1 spread from low to high, as SB3 does with the actions of a Box.
+
+Gains of the cascade: those of --ki and --feed-forward; else those of the policy that
+the file was exported from, if it is still the same; else they are searched for, as
+`trainer train` does, in some ten seconds.
+
+The JSON layout:
   {"hidden_activation": "relu",
    "output": "clip(output_scale*tanh(z), low, high)",
    "output_scale": 2.617993877991494, "low": [0.314, 0.0], "high": [2.618, 2.0],
    "layers": [{"weights": [[...], ...], "bias": [...]}, ...],
    "test_vectors": [{"observation": [vx, y, rho], "action": [alpha, rs]}, ...]}
 
-Weights are row by output, from the inputs vx (m/s), y (m) and density ratio rho to
-the actions alpha (rad) and rs (m/s), which low and high clip, in this order. Test
-vectors may be absent; where they are there, the imported actor must give their
-actions within 1e-5."#;
+Weights are row by output. Test vectors may be absent; where they are there, the
+imported actor must give their actions within 1e-5."#;
 /// Longest name of a policy, bytes: what is printed of it stays on one line.
 const MOST_NAME_BYTES: usize = 64;
+/// Largest file that is read, bytes: an actor has 135 kB at most, in double precision
+/// twice that, and may come with its critics and optimisers.
+const MOST_BYTES: u64 = 64 << 20;
+/// Integral gain at every density where only the feed-forward is given.
+const KI: f32 = 0.05;
 
 #[derive(Debug, Args)]
 #[command(after_help = LAYOUT)]
 pub(super) struct Arguments {
-    /// The actor in JSON, in the layout below
-    #[arg(long)]
-    json: PathBuf,
+    #[command(flatten)]
+    source: Source,
     /// The policy file to write
     #[arg(long)]
     out: PathBuf,
-    /// Its name, at most 64 bytes; by default that of the JSON file
+    /// Its name, at most 64 bytes; by default the file's
     #[arg(long)]
     name: Option<String>,
-    /// Integral gain of the velocity cascade, at every density
-    #[arg(long, default_value_t = 0.05)]
-    ki: f32,
-    /// Feed-forward of the set speed, at every density
-    #[arg(long, default_value_t = 0.0)]
-    feed_forward: f32,
+    /// Layers of a safetensors file in their order, such as mu.0,mu.2,mu.4
+    #[arg(long, value_delimiter = ',', conflicts_with_all = ["onnx", "json"])]
+    layers: Option<Vec<String>>,
+    /// Subtracted from the inputs: m/s, m, ratio
+    #[arg(long, value_name = "VX,Y,RHO", value_parser = figures::<3>, allow_hyphen_values = true)]
+    observation_offset: Option<Figures<3>>,
+    /// Then multiplied with them
+    #[arg(long, value_name = "VX,Y,RHO", value_parser = figures::<3>, allow_hyphen_values = true)]
+    observation_scale: Option<Figures<3>>,
+    /// Added to the scaled tanh: rad, m/s
+    #[arg(long, value_name = "ALPHA,RS", value_parser = figures::<2>, allow_hyphen_values = true)]
+    action_offset: Option<Figures<2>>,
+    /// Multiplied with the tanh: rad, m/s
+    #[arg(long, value_name = "ALPHA,RS", value_parser = figures::<2>, allow_hyphen_values = true)]
+    action_scale: Option<Figures<2>>,
+    /// Lowest action: rad, m/s
+    #[arg(long, value_name = "ALPHA,RS", value_parser = figures::<2>, allow_hyphen_values = true)]
+    action_low: Option<Figures<2>>,
+    /// Highest action: rad, m/s
+    #[arg(long, value_name = "ALPHA,RS", value_parser = figures::<2>, allow_hyphen_values = true)]
+    action_high: Option<Figures<2>>,
+    /// Integral gain of the velocity cascade, at every density [with --feed-forward: 0.05]
+    #[arg(long, value_parser = value_parser!(f32))]
+    ki: Option<f32>,
+    /// Feed-forward of the set speed, at every density [with --ki: 0]
+    #[arg(long, value_parser = value_parser!(f32))]
+    feed_forward: Option<f32>,
+}
+
+/// Where the actor comes from: one of these.
+#[derive(Debug, Args)]
+#[group(required = true, multiple = false)]
+struct Source {
+    /// The actor as a safetensors file
+    #[arg(long, value_name = "FILE")]
+    safetensors: Option<PathBuf>,
+    /// The actor as an ONNX file
+    #[arg(long, value_name = "FILE")]
+    onnx: Option<PathBuf>,
+    /// The actor in JSON, in the layout below
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+/// So many figures, separated by commas.
+#[derive(Clone, Copy, Debug)]
+struct Figures<const N: usize>([f32; N]);
+
+fn figures<const N: usize>(text: &str) -> Result<Figures<N>, String> {
+    let number = |part: &str| {
+        let finite = part.trim().parse().ok().filter(|x: &f32| x.is_finite());
+        finite.ok_or_else(|| format!("'{part}' is not a finite number"))
+    };
+    let numbers: Vec<f32> = text.split(',').map(number).collect::<Result<_, _>>()?;
+    let count = numbers.len();
+    let numbers =
+        numbers.try_into().map_err(|_| format!("{count} figures, expected {N}, by commas"))?;
+    Ok(Figures(numbers))
+}
+
+impl Arguments {
+    fn path(&self) -> &Path {
+        let Source { safetensors, onnx, json } = &self.source;
+        let paths = [safetensors, onnx, json];
+        paths.into_iter().flatten().next().expect("the group is required")
+    }
+
+    fn given(&self) -> Given {
+        Given {
+            observation_offset: self.observation_offset.map(|f| f.0),
+            observation_scale: self.observation_scale.map(|f| f.0),
+            action_offset: self.action_offset.map(|f| f.0),
+            action_scale: self.action_scale.map(|f| f.0),
+            action_low: self.action_low.map(|f| f.0),
+            action_high: self.action_high.map(|f| f.0),
+        }
+    }
+
+    fn draft(&self, bytes: &[u8]) -> Result<Draft, ImportError> {
+        match &self.source {
+            Source { safetensors: Some(_), .. } => {
+                safetensors::import(bytes, self.layers.as_deref())
+            }
+            Source { onnx: Some(path), .. } => {
+                let folder = path.parent().filter(|f| !f.as_os_str().is_empty());
+                onnx::import(bytes, Some(folder.unwrap_or(Path::new("."))))
+            }
+            _ => json::import(bytes),
+        }
+    }
+
+    /// Gains that hold at every density, if the user gives some.
+    fn gains(&self) -> Option<Vec<GainPoint>> {
+        (self.ki.is_some() || self.feed_forward.is_some()).then(|| {
+            vec![GainPoint {
+                density_ratio: 0.0,
+                kp: 0.0,
+                ki: self.ki.unwrap_or(KI),
+                kd: 0.0,
+                feed_forward: self.feed_forward.unwrap_or(0.0),
+                limit_m_s: 10.0,
+            }]
+        })
+    }
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let path = arguments.json.display().to_string();
-    let text = std::fs::read_to_string(&arguments.json).context(path.clone()).map_err(input)?;
-    let frozen = from_json(&text).context(path).map_err(input)?;
-    let stem = arguments.json.file_stem().unwrap_or_default().to_string_lossy();
-    let name = arguments.name.as_deref().unwrap_or(&stem);
-    if name.len() > MOST_NAME_BYTES {
-        return Err(input(anyhow!(
-            "--name: '{name}' has {} bytes, at most {MOST_NAME_BYTES} may be; shorten it",
-            name.len()
-        )));
-    }
-    let gains = GainPoint {
-        density_ratio: 0.0,
-        kp: 0.0,
-        ki: arguments.ki,
-        kd: 0.0,
-        feed_forward: arguments.feed_forward,
-        limit_m_s: 10.0,
+    let path = arguments.path();
+    let name = |stem: &str| check_name(arguments.name.as_deref().unwrap_or(stem));
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let said = || path.display().to_string();
+    let bytes = read(path)?;
+    let imported = arguments.draft(&bytes).and_then(|d| d.complete(&arguments.given()));
+    let imported = imported.with_context(said).map_err(input)?;
+    let target = Target { path: &arguments.out, option: "--out" };
+    // Before the search, not after it: whether there is anywhere to write to, and
+    // whether the controller will take it.
+    drop(target.begin()?);
+    let (policy, gains) = if let Some(mut card) = imported.card.clone() {
+        card.name = name(&card.name)?;
+        if let Some(gains) = arguments.gains() {
+            card.gains = gains;
+        }
+        let manifest = card.manifest(&imported.frozen);
+        let gains = if arguments.gains().is_some() { "given" } else { "the policy's own" };
+        (blob_of(&manifest, &imported.frozen.packed).with_context(said).map_err(input)?, gains)
+    } else {
+        let name = name(&stem)?;
+        let given = arguments.gains();
+        let any = given.clone().unwrap_or_else(|| vec![GainPoint::default()]);
+        let checked = foreign(&imported, &name, &any).with_context(said).map_err(input)?;
+        if given.is_some() {
+            (checked, "given")
+        } else {
+            let gains = searched(&imported);
+            (foreign(&imported, &name, &gains).map_err(failed)?, "found by search")
+        }
     };
+    target.write(policy.as_slice())?;
+    report(arguments, &imported, &policy, gains)
+}
+
+/// A policy whose making we know nothing of.
+fn foreign(
+    imported: &Imported,
+    name: &str,
+    gains: &[GainPoint],
+) -> Result<AlignedBytes, ImportError> {
     let about = About {
         name,
         preset: "import",
@@ -71,14 +218,64 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         steps: 0,
         density_ratio: [0.0, 1.0],
         config: "",
-        gains: &[gains],
+        gains,
     };
-    let bytes = blob(&frozen, &about).map_err(input)?;
-    Target { path: &arguments.out, option: "--out" }.write(bytes.as_slice())?;
-    let widths: Vec<String> = frozen.widths.iter().map(ToString::to_string).collect();
-    let out = arguments.out.display();
-    print(&format!("{out}: {} from {stem}, {} bytes", widths.join("-"), bytes.as_slice().len()))
-        .map_err(|e| match e {
-            Failure::Run(e) | Failure::Input(e) => failed(e),
-        })
+    Ok(blob(&imported.frozen, &about)?)
+}
+
+/// Searches for gains, with a word of it on a terminal.
+fn searched(imported: &Imported) -> Vec<GainPoint> {
+    let style = ProgressStyle::with_template("{spinner} {msg}  {elapsed}").expect("a template");
+    let spinner = ProgressBar::new_spinner().with_style(style);
+    spinner.set_message("searching the cascade's gains…");
+    spinner.enable_steady_tick(Duration::from_millis(200));
+    let gains = search(&imported.frozen.actor());
+    spinner.finish_and_clear();
+    gains
+}
+
+fn report(
+    arguments: &Arguments,
+    imported: &Imported,
+    policy: &AlignedBytes,
+    gains: &str,
+) -> Result<(), Failure> {
+    let crc32 = Policy::parse(policy.as_slice()).map_err(failed)?.crc32();
+    let widths: Vec<String> = imported.frozen.widths.iter().map(ToString::to_string).collect();
+    let mut text = format!(
+        "{}: {} from {}, {} bytes, CRC-32 {crc32:08x}; gains {gains}",
+        arguments.out.display(),
+        widths.join("-"),
+        arguments.path().display(),
+        policy.as_slice().len()
+    );
+    if !imported.assumed.is_empty() {
+        text += "\nTaken for granted: ";
+        text += &imported.assumed.join("; ");
+    }
+    print(&text)
+}
+
+fn check_name(name: &str) -> Result<String, Failure> {
+    if name.len() > MOST_NAME_BYTES {
+        return Err(input(anyhow!(
+            "--name: '{name}' has {} bytes, at most {MOST_NAME_BYTES} may be; shorten it",
+            name.len()
+        )));
+    }
+    Ok(name.to_owned())
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, Failure> {
+    let said = || path.display().to_string();
+    let mut bytes = Vec::new();
+    File::open(path)
+        .and_then(|file| file.take(MOST_BYTES + 1).read_to_end(&mut bytes))
+        .with_context(said)
+        .map_err(input)?;
+    if bytes.len() as u64 > MOST_BYTES {
+        let error = anyhow!("more than {MOST_BYTES} bytes, which no actor needs; save it alone");
+        return Err(input(error.context(said())));
+    }
+    Ok(bytes)
 }

@@ -27,7 +27,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 /// Those of a blob that has passed its checks, read as the format in the
 /// documentation of [`controller::policy`] has them.
-fn test_vectors(blob: &[u8]) -> postcard::Result<Vec<TestVector>> {
+pub(super) fn test_vectors(blob: &[u8]) -> postcard::Result<Vec<TestVector>> {
     let body = blob.get(PREAMBLE_LEN..).unwrap_or_default();
     let (_, rest) = postcard::take_from_bytes::<Manifest<'_>>(body)?;
     postcard::take_from_bytes(rest).map(|(vectors, _)| vectors)

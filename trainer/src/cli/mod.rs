@@ -4,7 +4,9 @@
 mod bench;
 mod compare;
 mod config;
+mod env;
 mod eval;
+mod export;
 mod import;
 mod infer;
 mod inspect;
@@ -41,10 +43,14 @@ enum Command {
     Inspect(inspect::Arguments),
     /// Actions for observations in a CSV file
     Infer(infer::Arguments),
-    /// Make a policy file from an actor in JSON
+    /// Make a policy file from an actor trained elsewhere: safetensors, ONNX, JSON
     Import(import::Arguments),
     /// Draw learning curves from the logs of trainings, as SVG
     Plot(plot::Arguments),
+    /// Write a policy's actor as safetensors, ONNX or C
+    Export(export::Arguments),
+    /// Be the environment of another program's training, line by line
+    Env(env::Arguments),
     /// Measure the speed of training
     Bench(bench::Arguments),
 }
@@ -109,6 +115,8 @@ pub fn main() -> ExitCode {
         Command::Infer(arguments) => infer::run(&arguments),
         Command::Import(arguments) => import::run(&arguments),
         Command::Plot(arguments) => plot::run(&arguments),
+        Command::Export(arguments) => export::run(&arguments),
+        Command::Env(arguments) => env::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
     };
     let (error, status) = match result {

@@ -1,7 +1,5 @@
-//! Actors from elsewhere.
-//!
-//! The JSON layout, that of the published actors (doi 10.5281/zenodo.4607469) read
-//! out of their files:
+//! Actors in JSON, in the layout of the published actors (doi 10.5281/zenodo.4607469)
+//! read out of their files:
 //!
 //! ```json
 //! {"hidden_activation": "relu",
@@ -14,49 +12,17 @@
 //! Weights are row by output. Test vectors may be absent; where they are there,
 //! the imported actor must give their actions within 1e-5.
 
+use super::ImportError;
+use super::draft::Draft;
 use crate::net::mlp::Layer;
 use crate::policy::Frozen;
-use controller::actor::{ActionScaling, Observation, ObservationScaling, ShapeError};
+use controller::actor::{ActionScaling, Observation, ObservationScaling};
 use serde_json::Value;
 
 /// Largest error of an imported actor against its test vectors, rad and m/s.
-const TOLERANCE: f64 = 1e-5;
+pub(super) const TOLERANCE: f64 = 1e-5;
 /// The only output that this layout knows.
 const OUTPUT: &str = "clip(output_scale*tanh(z), low, high)";
-
-/// Why a JSON text is no actor.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum ImportError {
-    /// It is no JSON.
-    #[error("not JSON: {0}")]
-    Syntax(#[from] serde_json::Error),
-    /// A value is missing or of the wrong kind.
-    #[error("{key}: {found}, expected {expected}")]
-    Value {
-        /// Where, such as `layers[1].bias`.
-        key: String,
-        /// What is there.
-        found: String,
-        /// What should be.
-        expected: String,
-    },
-    /// The layers are not those of an actor.
-    #[error("layers: {0}")]
-    Shape(#[from] ShapeError),
-    /// A test vector comes out otherwise.
-    #[error(
-        "test_vectors[{index}].action: {expected:?}, but the layers give {found:?}, more than {TOLERANCE} off"
-    )]
-    TestVector {
-        /// Which, from 0.
-        index: usize,
-        /// Given.
-        expected: [f64; 2],
-        /// Computed.
-        found: [f64; 2],
-    },
-}
 
 /// A value and the way to it.
 struct At<'a> {
@@ -126,6 +92,26 @@ impl At<'_> {
         let bias = self.field("bias").numbers(rows.len())?;
         Ok(Layer { inputs, weights, bias: bias.iter().map(|&x| x as f32).collect() })
     }
+}
+
+/// Reads an actor from a JSON file: one that says everything.
+///
+/// # Errors
+/// [`ImportError`] names the key, what is there and what should be.
+pub fn import(bytes: &[u8]) -> Result<Draft, ImportError> {
+    let text = std::str::from_utf8(bytes).map_err(|e| {
+        let found = format!("byte {} is not UTF-8", e.valid_up_to());
+        ImportError::value("text", found, "JSON in UTF-8")
+    })?;
+    let frozen = from_json(text)?;
+    let ActionScaling { scale, offset, low, high } = frozen.action;
+    Ok(Draft {
+        layers: frozen.layers(),
+        observation: Some(frozen.observation),
+        action: Some([scale, offset]),
+        bounds: Some([low, high]),
+        ..Draft::default()
+    })
 }
 
 /// Reads an actor from JSON.

@@ -1,0 +1,138 @@
+"""Are the exported actors the same in ONNX Runtime, numpy and PyTorch?
+
+    python check.py --trainer target/release/trainer [--policy policy.bin]
+
+Exports the policy (by default the shipped one), runs it on 10,000 observations in each
+library, and compares with `trainer infer`. Ends with status 1 unless 99.9 % of the
+actions are within 1e-6 of their range and all within 3e-6: each library sums in an order
+of its own, in f32, and where sums are large and cancel that shows. (The controller's
+actor is itself up to 1.2e-6 from the same network in f64.) torch is checked where it is
+installed.
+"""
+
+import argparse
+import csv
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import onnx
+import onnxruntime
+from safetensors import safe_open
+
+# Shares of the actions' ranges.
+USUAL = 1e-6
+WORST = 3e-6
+SHARE_WITHIN_USUAL = 0.999
+
+
+def observations(count=10_000):
+    """vx within 11 m/s, y from 1 to 12.5 m, rho from 0 to 1; their corners; and far out."""
+    rng = np.random.default_rng(7)
+    inner = rng.uniform([-11, 1, 0], [11, 12.5, 1], (count - 108, 3))
+    corners = np.array([[vx, y, rho] for vx in (-11, 0, 11) for y in (1, 12.5) for rho in (0, 1)])
+    far = rng.normal(size=(96, 3)) * 10.0 ** rng.integers(-6, 7, (96, 1))
+    return np.concatenate([inner, corners, far]).astype(np.float32)
+
+
+def in_numpy(path, x):
+    with safe_open(path, "np") as file:
+        card = json.loads(file.metadata()["leg_actor"])
+        tensors = {name: file.get_tensor(name) for name in file.keys()}
+    f32 = lambda figures: np.array(figures, np.float32)
+    x = (x - f32(card["observation"]["offset"])) * f32(card["observation"]["scale"])
+    indices = sorted({int(name.split(".")[0]) for name in tensors})
+    for i in indices:
+        x = x @ tensors[f"{i}.weight"].T + tensors[f"{i}.bias"]
+        x = np.maximum(x, 0) if i != indices[-1] else np.tanh(x)
+    action = card["action"]
+    x = f32(action["offset"]) + f32(action["scale"]) * x
+    return np.clip(x, f32(action["low"]), f32(action["high"]))
+
+
+def in_torch(path, x):
+    import torch
+    from safetensors.torch import load_file
+
+    torch.set_num_threads(1)
+    tensors = load_file(path)
+    layers = []
+    for i in sorted({int(name.split(".")[0]) for name in tensors}):
+        outputs, inputs = tensors[f"{i}.weight"].shape
+        layers += [torch.nn.Linear(inputs, outputs), torch.nn.ReLU()]
+    network = torch.nn.Sequential(*layers[:-1], torch.nn.Tanh())
+    network.load_state_dict(tensors)
+    with safe_open(path, "np") as file:
+        card = json.loads(file.metadata()["leg_actor"])
+    t = {key: {k: torch.tensor(v) for k, v in card[key].items()} for key in ("observation", "action")}
+    o, a = t["observation"], t["action"]
+    with torch.no_grad():
+        u = network((torch.from_numpy(x) - o["offset"]) * o["scale"])
+        return torch.clamp(a["offset"] + a["scale"] * u, a["low"], a["high"]).numpy()
+
+
+def in_onnxruntime(path, x):
+    onnx.checker.check_model(path, full_check=True)
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+    whole = session.run(["action"], {"observation": x})[0]
+    one = session.run(["action"], {"observation": x[:1]})[0]
+    assert one.shape == (1, 2), "the batch is not free"
+    return whole
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--trainer", default="trainer", help="the trainer program")
+    parser.add_argument("--policy", help="the policy file [default: the shipped one]")
+    arguments = parser.parse_args()
+    trainer = str(Path(arguments.trainer).resolve()) if "/" in arguments.trainer else arguments.trainer
+    with tempfile.TemporaryDirectory() as folder:
+        folder = Path(folder)
+        run = lambda *words: subprocess.run([trainer, *map(str, words)], check=True, stdout=subprocess.DEVNULL)
+        of = ["--policy", arguments.policy] if arguments.policy else []
+        for name, to in [("a.safetensors", "safetensors"), ("a.onnx", "onnx")]:
+            run("export", *of, "--to", to, folder / name)
+        # `infer` wants a file: the policy comes back out of its export.
+        run("import", "--onnx", folder / "a.onnx", "--out", folder / "a.bin")
+        x = observations()
+        with open(folder / "o.csv", "w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(["vx", "y", "rho"])
+            writer.writerows([[repr(float(v)) for v in row] for row in x])
+        run("infer", "--policy", folder / "a.bin", "--input", folder / "o.csv", "--output", folder / "a.csv")
+        rows = np.loadtxt(folder / "a.csv", delimiter=",", skiprows=1, dtype=np.float64)
+        assert np.array_equal(rows[:, :3].astype(np.float32), x), "observations read otherwise"
+        with safe_open(folder / "a.safetensors", "np") as file:
+            action = json.loads(file.metadata()["leg_actor"])["action"]
+        span = np.array(action["high"]) - np.array(action["low"])
+        ways = {
+            "ONNX Runtime": lambda: in_onnxruntime(str(folder / "a.onnx"), x),
+            "numpy": lambda: in_numpy(folder / "a.safetensors", x),
+            "torch": lambda: in_torch(folder / "a.safetensors", x),
+        }
+        failed = False
+        for name, way in ways.items():
+            try:
+                found = way()
+            except ModuleNotFoundError as missing:
+                print(f"{name:12}  SKIPPED: {missing}")
+                continue
+            off = np.abs(found - rows[:, 3:]) / span
+            off = np.where(np.isnan(off), np.inf, off)
+            usual = (off <= USUAL).mean()
+            print(
+                f"{name:12}  {len(x)} observations: worst {off.max():.2e} of the range, "
+                f"mean {off.mean():.1e}, {usual:.3%} within {USUAL:g}"
+            )
+            failed |= off.max() > WORST or usual < SHARE_WITHIN_USUAL
+    if failed:
+        sys.exit("too far off")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,61 @@
+"""The hopper as a Gymnasium environment: the trainer's own plant, starts and rewards.
+
+One step is one hop, from apex to apex. Needs the `trainer` program, which plays the
+plant (`trainer env --help` says how it is spoken to).
+"""
+
+import subprocess
+
+import gymnasium
+import numpy as np
+
+# Touchdown angle, rad, and elongation speed, m/s.
+LOW = np.array([np.pi / 10, 0], np.float32)
+HIGH = np.array([np.pi / 1.2, 2], np.float32)
+# The network sees (observation - OFFSET) * SCALE, as with the preset `robust`.
+OFFSET = np.array([0, 2.5, 0.5], np.float32)
+SCALE = np.array([1 / 3, 0.4, 2], np.float32)
+
+
+class HopperEnv(gymnasium.Env):
+    """Observations are scaled apexes; actions are in rad and m/s."""
+
+    observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (3,), np.float32)
+    action_space = gymnasium.spaces.Box(LOW, HIGH)
+
+    def __init__(self, trainer="trainer", preset="robust", seed=0):
+        self.command = [trainer, "env", "--preset", preset, "--seed"]
+        self.plant = None
+        self.begin(seed)
+
+    def begin(self, seed):
+        self.close()
+        pipe = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+        self.plant = subprocess.Popen([*self.command, str(seed)], text=True, bufsize=1, **pipe)
+
+    def ask(self, line):
+        self.plant.stdin.write(line + "\n")
+        answer = self.plant.stdout.readline().split()
+        if not answer:
+            raise RuntimeError(f"the plant ended at '{line}', status {self.plant.wait()}")
+        observation = (np.array(answer[:3], np.float32) - OFFSET) * SCALE
+        return observation, answer[3:]
+
+    def reset(self, seed=None, options=None):
+        super().reset(seed=seed)
+        if seed is not None:
+            self.begin(seed)
+        observation, _ = self.ask("reset")
+        return observation, {}
+
+    def step(self, action):
+        alpha, rs = (float(x) for x in action)
+        observation, (reward, ended) = self.ask(f"step {alpha!r} {rs!r}")
+        return observation, float(reward), ended == "fall", ended == "time", {}
+
+    def close(self):
+        if self.plant is not None:
+            self.plant.stdin.close()
+            self.plant.wait()
+            self.plant.stdout.close()
+            self.plant = None

@@ -1,0 +1,245 @@
+/*
+ * The actor of a robot leg, exported by `trainer export --to c`.
+ *
+@ABOUT@
+ *
+ * Once a hop, at the apex, from
+ *   observation[0]  horizontal velocity, m/s
+ *   observation[1]  height above the ground, m
+ *   observation[2]  density of the medium over that of water, from 0 to 1
+ * to
+ *   action[0]       leg angle at touchdown from the +x axis, rad
+ *   action[1]       rate of the spring's rest length in stance, m/s
+ *
+ * Declare it where you call it:
+ *   void leg_actor(const float observation[3], float action[2]);
+ *
+ * C99, of which only two headers of a freestanding compiler are used: no libc.
+ * The actions are those of the controller to the last bit, whatever the
+ * observation: sums run from the bias over the inputs in ascending order, and no
+ * product is fused with its sum. A compiler may fuse where the hardware can, so
+ * give it -std=c99 or -ffp-contract=off, and never -ffast-math. Built with
+ * -DLEG_ACTOR_SELF_TEST, this file is a program that says whether it came out
+ * right: its exit status is 0, or the number of the test vector that did not.
+ *
+ * leg_tanhf is a translation of tanhf in musl libc:
+ *
+ *   Copyright (c) 2005-2020 Rich Felker, et al.
+ *
+ *   Permission is hereby granted, free of charge, to any person obtaining
+ *   a copy of this software and associated documentation files (the
+ *   "Software"), to deal in the Software without restriction, including
+ *   without limitation the rights to use, copy, modify, merge, publish,
+ *   distribute, sublicense, and/or sell copies of the Software, and to
+ *   permit persons to whom the Software is furnished to do so, subject to
+ *   the following conditions:
+ *
+ *   The above copyright notice and this permission notice shall be
+ *   included in all copies or substantial portions of the Software.
+ *
+ *   THE SOFTWARE IS PROVIDED "AS IS", WITHOUT WARRANTY OF ANY KIND,
+ *   EXPRESS OR IMPLIED, INCLUDING BUT NOT LIMITED TO THE WARRANTIES OF
+ *   MERCHANTABILITY, FITNESS FOR A PARTICULAR PURPOSE AND NONINFRINGEMENT.
+ *   IN NO EVENT SHALL THE AUTHORS OR COPYRIGHT HOLDERS BE LIABLE FOR ANY
+ *   CLAIM, DAMAGES OR OTHER LIABILITY, WHETHER IN AN ACTION OF CONTRACT,
+ *   TORT OR OTHERWISE, ARISING FROM, OUT OF OR IN CONNECTION WITH THE
+ *   SOFTWARE OR THE USE OR OTHER DEALINGS IN THE SOFTWARE.
+ *
+ * leg_expm1f is a translation of expm1f in FreeBSD, s_expm1f.c, which was
+ * converted to float by Ian Lance Taylor, Cygnus Support, ian@cygnus.com:
+ *
+ *   Copyright (C) 1993 by Sun Microsystems, Inc. All rights reserved.
+ *
+ *   Developed at SunPro, a Sun Microsystems, Inc. business.
+ *   Permission to use, copy, modify, and distribute this
+ *   software is freely granted, provided that this notice
+ *   is preserved.
+ */
+
+#include <float.h>
+#include <stdint.h>
+
+#if FLT_RADIX != 2 || FLT_MANT_DIG != 24 || FLT_EVAL_METHOD != 0
+#error "float must be IEEE 754 binary32, and computed as such"
+#endif
+#ifdef __FAST_MATH__
+#error "compile without -ffast-math: it changes the order of operations"
+#endif
+/* GCC does not know the pragma, but does what it says under -std=c99. */
+#if !defined(__GNUC__) || defined(__clang__)
+#pragma STDC FP_CONTRACT OFF
+#endif
+
+void leg_actor(const float observation[3], float action[2]);
+
+@TABLES@
+
+union leg_bits {
+    float f;
+    uint32_t u;
+};
+
+static uint32_t leg_to_bits(float x)
+{
+    union leg_bits b;
+    b.f = x;
+    return b.u;
+}
+
+static float leg_from_bits(uint32_t x)
+{
+    union leg_bits b;
+    b.u = x;
+    return b.f;
+}
+
+/* exp(x) - 1 */
+static float leg_expm1f(float x)
+{
+    const float ln2_hi = 0x1.62e3p-1f;
+    const float ln2_lo = 0x1.2fefa2p-17f;
+    const float inv_ln2 = 0x1.715476p+0f;
+    const float q1 = -0x1.1110dp-5f;
+    const float q2 = 0x1.9e602p-10f;
+    const uint32_t hx = leg_to_bits(x) & 0x7fffffffu;
+    const int sign = (int)(leg_to_bits(x) >> 31);
+    float hi, lo, c = 0.0f, hfx, hxs, r1, t, e, twopk, uf, y;
+    int32_t k;
+
+    if (hx >= 0x4195b844u) { /* |x| >= 27 ln 2 */
+        if (hx > 0x7f800000u) /* not a number */
+            return x;
+        if (sign)
+            return -1.0f;
+        if (hx > 0x42b17217u) /* x > log(FLT_MAX) */
+            return x * 0x1p127f;
+    }
+    if (hx > 0x3eb17218u) { /* |x| > ln 2 / 2: reduce the argument */
+        if (hx < 0x3f851592u) { /* |x| < 1.5 ln 2 */
+            if (!sign) {
+                hi = x - ln2_hi;
+                lo = ln2_lo;
+                k = 1;
+            } else {
+                hi = x + ln2_hi;
+                lo = -ln2_lo;
+                k = -1;
+            }
+        } else {
+            k = (int32_t)(inv_ln2 * x + (sign ? -0.5f : 0.5f));
+            t = (float)k;
+            hi = x - t * ln2_hi; /* t * ln2_hi is exact here */
+            lo = t * ln2_lo;
+        }
+        x = hi - lo;
+        c = (hi - x) - lo;
+    } else if (hx < 0x33000000u) { /* |x| < 2^-25 */
+        return x;
+    } else {
+        k = 0;
+    }
+
+    hfx = 0.5f * x;
+    hxs = x * hfx;
+    r1 = 1.0f + hxs * (q1 + hxs * q2);
+    t = 3.0f - r1 * hfx;
+    e = hxs * ((r1 - t) / (6.0f - x * t));
+    if (k == 0)
+        return x - (x * e - hxs);
+    e = x * (e - c) - c;
+    e -= hxs;
+    if (k == -1)
+        return 0.5f * (x - e) - 0.5f;
+    if (k == 1) {
+        if (x < -0.25f)
+            return -2.0f * (e - (x + 0.5f));
+        return 1.0f + 2.0f * (x - e);
+    }
+    twopk = leg_from_bits((uint32_t)(0x7f + k) << 23); /* 2^k */
+    if (k < 0 || k > 56) {
+        y = x - e + 1.0f;
+        y = k == 128 ? y * 2.0f * 0x1p127f : y * twopk;
+        return y - 1.0f;
+    }
+    uf = leg_from_bits((uint32_t)(0x7f - k) << 23); /* 2^-k */
+    if (k < 23)
+        return (x - e + (1.0f - uf)) * twopk;
+    return (x - (e + uf) + 1.0f) * twopk;
+}
+
+static float leg_tanhf(float x)
+{
+    const uint32_t w = leg_to_bits(x) & 0x7fffffffu;
+    const int sign = (int)(leg_to_bits(x) >> 31);
+    float t;
+
+    x = leg_from_bits(w);
+    if (w > 0x3f0c9f54u) { /* |x| > log(3) / 2, or not a number */
+        if (w > 0x41200000u) { /* |x| > 10 */
+            t = 1.0f + 0.0f / x;
+        } else {
+            t = leg_expm1f(2.0f * x);
+            t = 1.0f - 2.0f / (t + 2.0f);
+        }
+    } else if (w > 0x3e82c578u) { /* |x| > log(5 / 3) / 2 */
+        t = leg_expm1f(2.0f * x);
+        t = t / (t + 2.0f);
+    } else if (w >= 0x00800000u) { /* |x| >= 2^-126 */
+        t = leg_expm1f(-2.0f * x);
+        t = -t / (t + 2.0f);
+    } else { /* subnormal */
+        t = x;
+    }
+    return sign ? -t : t;
+}
+
+/* What is not a number ends at the low bound. */
+static float leg_clip(float x, float low, float high)
+{
+    return x >= low ? (x <= high ? x : high) : low;
+}
+
+/* Weights row by row, one row for each output. */
+static void leg_dense(const float *weight, const float *bias, int inputs, int outputs,
+                      const float *x, float *y)
+{
+    int i, j;
+
+    for (j = 0; j < outputs; j++) {
+        float sum = bias[j];
+        for (i = 0; i < inputs; i++)
+            sum += *weight++ * x[i];
+        y[j] = sum;
+    }
+}
+
+@RELU@void leg_actor(const float observation[3], float action[2])
+{
+    float front[LEG_WIDEST], back[LEG_WIDEST];
+    int i;
+
+    for (i = 0; i < 3; i++)
+        front[i] = (observation[i] - leg_observation_offset[i]) * leg_observation_scale[i];
+@LAYERS@
+    for (i = 0; i < 2; i++)
+        action[i] = leg_clip(leg_action_offset[i] + leg_action_scale[i] * leg_tanhf(@OUTPUT@[i]),
+                             leg_action_low[i], leg_action_high[i]);
+}
+
+#ifdef LEG_ACTOR_SELF_TEST
+@VECTORS@
+
+int main(void)
+{
+    int i, j;
+
+    for (i = 0; i < LEG_TEST_VECTORS; i++) {
+        float action[2];
+        leg_actor(leg_test_vectors[i], action);
+        for (j = 0; j < 2; j++)
+            if (leg_to_bits(action[j]) != leg_to_bits(leg_test_vectors[i][3 + j]))
+                return i + 1;
+    }
+    return 0;
+}
+#endif

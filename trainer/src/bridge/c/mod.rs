@@ -1,0 +1,148 @@
+//! C99: an actor as one source file, for firmware that is not in Rust.
+//!
+//! `leg_actor.c` beside this file is all of it but the figures. They are written in
+//! hexadecimal, which is exact. Operations and their order are those of
+//! [`controller::actor`], tanh that of the crate `libm`, so the bits agree.
+
+use crate::policy::Frozen;
+use controller::policy::{Policy, TestVector};
+use std::fmt::Write;
+
+/// With `@MARKS@` where the policy's own goes.
+const TEMPLATE: &str = include_str!("leg_actor.c");
+
+const RELU: &str = "\
+static void leg_relu(float *x, int count)
+{
+    int i;
+
+    for (i = 0; i < count; i++)
+        x[i] = x[i] > 0.0f ? x[i] : 0.0f;
+}
+
+";
+
+/// A policy's actor as C source, with its test vectors as a self-test.
+#[must_use]
+pub fn export(policy: &Policy<'_>, vectors: &[TestVector]) -> String {
+    let frozen = Frozen::from(policy);
+    let layers = frozen.layers();
+    let (o, a) = (&frozen.observation, &frozen.action);
+    let widest = frozen.widths.iter().max().copied().unwrap_or_default();
+    let mut tables = format!("#define LEG_WIDEST {widest}\n\n");
+    tables += &table("leg_observation_offset", &o.offset, 3);
+    tables += &table("leg_observation_scale", &o.scale, 3);
+    tables += &table("leg_action_offset", &a.offset, 2);
+    tables += &table("leg_action_scale", &a.scale, 2);
+    tables += &table("leg_action_low", &a.low, 2);
+    tables += &table("leg_action_high", &a.high, 2);
+    let mut calls = String::new();
+    let [mut from, mut to] = ["front", "back"];
+    for (i, layer) in layers.iter().enumerate() {
+        let (inputs, outputs) = (layer.inputs, layer.bias.len());
+        tables += &table(&format!("leg_bias_{i}"), &layer.bias, 8);
+        tables += &table(&format!("leg_weight_{i}"), &layer.weights, inputs);
+        let arguments = format!("leg_weight_{i}, leg_bias_{i}, {inputs}, {outputs}, {from}, {to}");
+        let _ = writeln!(calls, "    leg_dense({arguments});");
+        if i + 1 < layers.len() {
+            let _ = writeln!(calls, "    leg_relu({to}, {outputs});");
+        }
+        std::mem::swap(&mut from, &mut to);
+    }
+    TEMPLATE
+        .replace("@ABOUT@", &about(policy))
+        .replace("@TABLES@", tables.trim_end())
+        .replace("@RELU@", if layers.len() > 1 { RELU } else { "" })
+        .replace("@LAYERS@", calls.trim_end())
+        .replace("@OUTPUT@", from)
+        .replace("@VECTORS@", &self_test(vectors))
+}
+
+/// Lines of a comment.
+fn about(policy: &Policy<'_>) -> String {
+    let (m, p) = (policy.manifest(), &policy.manifest().provenance);
+    let widths: Vec<String> = m.widths.iter().map(ToString::to_string).collect();
+    format!(
+        " * Policy  {} {}, CRC-32 {:08x}\n \
+          * Made    by preset {}, seed {}, {} steps, trainer {}",
+        plain(m.name),
+        widths.join("-"),
+        policy.crc32(),
+        plain(p.preset),
+        p.seed,
+        p.steps,
+        plain(p.trainer_version)
+    )
+}
+
+/// Whatever a policy is called: nothing that ends a comment or starts a trigraph.
+fn plain(text: &str) -> String {
+    let fine = |c: char| c.is_ascii_alphanumeric() || " .,+-_".contains(c);
+    text.chars().map(|c| if fine(c) { c } else { '_' }).collect()
+}
+
+fn table(name: &str, figures: &[f32], in_a_group: usize) -> String {
+    let mut text = format!("static const float {name}[{}] = {{\n", figures.len());
+    for group in figures.chunks(in_a_group) {
+        for line in group.chunks(6) {
+            let line: Vec<String> = line.iter().map(|&x| hex(x)).collect();
+            let _ = writeln!(text, "    {},", line.join(", "));
+        }
+    }
+    text + "};\n"
+}
+
+fn self_test(vectors: &[TestVector]) -> String {
+    let mut text = format!("#define LEG_TEST_VECTORS {}\n\n", vectors.len());
+    text += "/* Observations, and the actions that must come of them. */\n";
+    text += "static const float leg_test_vectors[LEG_TEST_VECTORS][5] = {\n";
+    for TestVector { observation: o, action: a } in vectors {
+        let row = [o.apex_vx_m_s, o.apex_y_m, o.density_ratio].map(hex);
+        let action = [a.touchdown_angle_rad, a.elongation_speed_m_s].map(hex);
+        let _ = writeln!(text, "    {{ {},\n      {} }},", row.join(", "), action.join(", "));
+    }
+    text + "};"
+}
+
+/// A finite figure as a hexadecimal constant of C99: exact, and the shortest such.
+fn hex(x: f32) -> String {
+    let bits = x.to_bits();
+    let sign = if bits >> 31 == 1 { "-" } else { "" };
+    // 23 bits of fraction are 5 digits and three quarters.
+    let (fraction, exponent) = ((bits & 0x7f_ffff) << 1, (bits >> 23 & 0xff).cast_signed());
+    let (whole, exponent) = match (exponent, fraction) {
+        (0, 0) => (0, 0),
+        (0, _) => (0, -126),
+        _ => (1, exponent - 127),
+    };
+    let digits = format!("{fraction:06x}");
+    let digits = digits.trim_end_matches('0');
+    let point = if digits.is_empty() { "" } else { "." };
+    format!("{sign}0x{whole}{point}{digits}p{exponent:+}f")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{hex, plain};
+
+    #[test]
+    fn figures_are_written_exactly() {
+        for (x, text) in [
+            (0.0, "0x0p+0f"),
+            (-0.0, "-0x0p+0f"),
+            (1.0, "0x1p+0f"),
+            (-0.1, "-0x1.99999ap-4f"),
+            (f32::MAX, "0x1.fffffep+127f"),
+            (f32::MIN_POSITIVE, "0x1p-126f"),
+            (f32::from_bits(1), "0x0.000002p-126f"),
+            (std::f32::consts::LN_2, "0x1.62e43p-1f"),
+        ] {
+            assert_eq!(hex(x), text);
+        }
+    }
+
+    #[test]
+    fn a_name_cannot_leave_its_comment() {
+        assert_eq!(plain("a*/b\n??/c\\"), "a__b____c_");
+    }
+}

@@ -1,0 +1,131 @@
+//! What an exported actor says of itself, beside its weights.
+
+use super::ImportError;
+use crate::policy::{Frozen, blob_of};
+use controller::actor::{ActionScaling, ObservationScaling};
+use controller::host::blob::AlignedBytes;
+use controller::leg::LegModel;
+use controller::policy::{GainPoint, MAX_GAIN_POINTS, Manifest, Media, Policy, Provenance};
+use serde::{Deserialize, Serialize};
+
+/// The name under which a file's metadata holds its card.
+///
+/// One entry and not one for each figure: readers and writers keep metadata in hash
+/// maps, whose order would change the file from one run to the next.
+pub const KEY: &str = "leg_actor";
+
+/// Everything in a policy but weights and test vectors, as one JSON object.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Card {
+    /// What the policy is called.
+    pub name: String,
+    /// Between layers; always `relu`.
+    pub hidden_activation: String,
+    /// From the last sums z to the action, for a reader.
+    pub output: String,
+    /// Network input = (observation - offset) * scale.
+    pub observation: ObservationScaling,
+    /// Action = clip(offset + scale * tanh(z), low, high).
+    pub action: ActionScaling,
+    /// Recommended gains of the velocity cascade, by ascending density.
+    pub gains: Vec<GainPoint>,
+    /// The leg it was trained on.
+    pub leg: LegModel,
+    /// The media it was trained in.
+    pub media: Media,
+    /// The trainer's preset, or where it was imported from.
+    pub preset: String,
+    /// Seed of the training.
+    pub seed: u64,
+    /// Environment steps trained.
+    pub steps: u64,
+    /// Version of the trainer.
+    pub trainer_version: String,
+    /// Configuration of the training, TOML.
+    pub config: String,
+    /// Of the policy file, hexadecimal.
+    pub policy_crc32: String,
+}
+
+impl From<&Policy<'_>> for Card {
+    fn from(policy: &Policy<'_>) -> Self {
+        let m = policy.manifest();
+        Self {
+            name: m.name.into(),
+            hidden_activation: "relu".into(),
+            output: "clip(offset + scale * tanh(z), low, high)".into(),
+            observation: m.observation,
+            action: m.action,
+            gains: m.gains.to_vec(),
+            leg: m.leg,
+            media: m.media,
+            preset: m.provenance.preset.into(),
+            seed: m.provenance.seed,
+            steps: m.provenance.steps,
+            trainer_version: m.provenance.trainer_version.into(),
+            config: m.provenance.config.into(),
+            policy_crc32: format!("{:08x}", policy.crc32()),
+        }
+    }
+}
+
+impl Card {
+    /// As JSON, on one line.
+    ///
+    /// # Panics
+    /// Never: the figures of a policy are finite.
+    #[must_use]
+    pub fn to_json(&self) -> String {
+        serde_json::to_string(self).expect("strings and finite numbers")
+    }
+
+    /// Reads a card.
+    ///
+    /// # Errors
+    /// When it is not one, or one of another kind of network.
+    pub fn parse(json: &str) -> Result<Self, ImportError> {
+        let key = |name: &str| format!("metadata {KEY}{name}");
+        let card: Self = serde_json::from_str(json)
+            .map_err(|e| ImportError::value(key(""), e.to_string(), "what an export writes"))?;
+        if card.hidden_activation != "relu" {
+            let found = format!("{:?}", card.hidden_activation);
+            return Err(ImportError::value(key(".hidden_activation"), found, "\"relu\""));
+        }
+        if card.gains.len() > MAX_GAIN_POINTS {
+            let (found, most) = (format!("{} points", card.gains.len()), MAX_GAIN_POINTS);
+            return Err(ImportError::value(key(".gains"), found, format!("at most {most}")));
+        }
+        Ok(card)
+    }
+
+    /// The policy that the card describes, of this actor. `None` when it is not the
+    /// one that the card was written for, as its checksum tells: the actor has been
+    /// changed since, and what the card says of its making no longer holds.
+    #[must_use]
+    pub fn policy(&self, frozen: &Frozen) -> Option<AlignedBytes> {
+        let bytes = blob_of(&self.manifest(frozen), &frozen.packed).ok()?;
+        let crc32 = Policy::parse(bytes.as_slice()).ok()?.crc32();
+        (format!("{crc32:08x}") == self.policy_crc32).then_some(bytes)
+    }
+
+    /// The manifest of a policy of this actor.
+    #[must_use]
+    pub fn manifest(&self, frozen: &Frozen) -> Manifest<'_> {
+        Manifest {
+            name: &self.name,
+            widths: frozen.widths.clone(),
+            observation: frozen.observation,
+            action: frozen.action,
+            leg: self.leg,
+            media: self.media,
+            provenance: Provenance {
+                preset: &self.preset,
+                seed: self.seed,
+                steps: self.steps,
+                trainer_version: &self.trainer_version,
+                config: &self.config,
+            },
+            gains: self.gains.iter().copied().take(MAX_GAIN_POINTS).collect(),
+        }
+    }
+}

@@ -1,0 +1,133 @@
+//! An actor as a file has it, and what must be added to make it fly.
+
+use super::ImportError;
+use super::card::Card;
+use crate::net::mlp::Layer;
+use crate::policy::Frozen;
+use crate::preset::{ACTION_HIGH, ACTION_LOW};
+use controller::actor::{ActionScaling, ObservationScaling};
+
+/// Two pairs of figures, one of each pair for each action: rad, m/s.
+pub type Pairs = [[f32; 2]; 2];
+
+/// An actor as read from a file. What the file does not say is `None`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Draft {
+    /// In natural order.
+    pub layers: Vec<Layer>,
+    /// From an observation to the network's inputs.
+    pub observation: Option<ObservationScaling>,
+    /// From the tanh of the outputs to an action: scale, then offset; rad, m/s.
+    pub action: Option<Pairs>,
+    /// Lowest and highest action; rad, m/s.
+    pub bounds: Option<Pairs>,
+    /// What one of our own exports says of itself.
+    pub card: Option<Card>,
+    /// What the file cannot say and was taken for granted.
+    pub assumed: Vec<String>,
+}
+
+/// Scalings that a user gives, for files that do not have them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Given {
+    /// Subtracted from the observation: m/s, m, ratio.
+    pub observation_offset: Option<[f32; 3]>,
+    /// Then multiplied.
+    pub observation_scale: Option<[f32; 3]>,
+    /// Added to the scaled tanh: rad, m/s.
+    pub action_offset: Option<[f32; 2]>,
+    /// Of the tanh: rad, m/s.
+    pub action_scale: Option<[f32; 2]>,
+    /// Lowest action: rad, m/s.
+    pub action_low: Option<[f32; 2]>,
+    /// Highest action: rad, m/s.
+    pub action_high: Option<[f32; 2]>,
+}
+
+/// An actor that can fly.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Imported {
+    /// The actor.
+    pub frozen: Frozen,
+    /// The card, if it was written for this very actor.
+    pub card: Option<Card>,
+    /// What neither the file nor the user said.
+    pub assumed: Vec<String>,
+}
+
+impl Draft {
+    /// Fills in what the file does not say: what is given; else observations as they
+    /// are, the leg's bounds, and a tanh from -1 to 1 spread from the lowest to the
+    /// highest action (what a Gymnasium `Box` action means to SB3).
+    ///
+    /// # Errors
+    /// When a figure is given for what the file says itself, when one is not finite
+    /// or out of order, and when the layers are not those of an actor.
+    pub fn complete(self, given: &Given) -> Result<Imported, ImportError> {
+        let Given { observation_offset, observation_scale, .. } = *given;
+        let Given { action_offset, action_scale, action_low, action_high, .. } = *given;
+        refuse(self.observation.is_some() && observation_offset.is_some(), "--observation-offset")?;
+        refuse(self.observation.is_some() && observation_scale.is_some(), "--observation-scale")?;
+        refuse(self.action.is_some() && action_offset.is_some(), "--action-offset")?;
+        refuse(self.action.is_some() && action_scale.is_some(), "--action-scale")?;
+        refuse(self.bounds.is_some() && action_low.is_some(), "--action-low")?;
+        refuse(self.bounds.is_some() && action_high.is_some(), "--action-high")?;
+
+        let mut assumed = self.assumed;
+        let identity = ObservationScaling::IDENTITY;
+        let observation = self.observation.unwrap_or(ObservationScaling {
+            offset: observation_offset.unwrap_or(identity.offset),
+            scale: observation_scale.unwrap_or(identity.scale),
+        });
+        if self.observation.is_none() && observation == identity {
+            assumed.push("observations as they are".into());
+        }
+        let [low, high] = self
+            .bounds
+            .unwrap_or([action_low.unwrap_or(ACTION_LOW), action_high.unwrap_or(ACTION_HIGH)]);
+        if self.bounds.is_none() && (action_low.is_none() || action_high.is_none()) {
+            let [a, r] = [0, 1].map(|i| format!("{:.4} to {:.4}", low[i], high[i]));
+            assumed.push(format!("actions from {a} rad and from {r} m/s"));
+        }
+        let half = |i: usize| 0.5 * (high[i] - low[i]);
+        let [scale, offset] = self.action.unwrap_or([
+            action_scale.unwrap_or([0, 1].map(half)),
+            action_offset.unwrap_or([0, 1].map(|i| low[i] + half(i))),
+        ]);
+        if self.action.is_none() && (action_scale.is_none() || action_offset.is_none()) {
+            assumed.push("tanh from -1 to 1 spread over the actions".into());
+        }
+        finite("observation offset", &observation.offset)?;
+        finite("observation scale", &observation.scale)?;
+        finite("action offset", &offset)?;
+        finite("action scale", &scale)?;
+        finite("lowest action", &low)?;
+        finite("highest action", &high)?;
+        if let Some(i) = (0..2).find(|&i| low[i] > high[i]) {
+            let (key, found) = (format!("lowest action[{i}]"), low[i].to_string());
+            return Err(ImportError::value(key, found, format!("at most {}", high[i])));
+        }
+        for (i, layer) in self.layers.iter().enumerate() {
+            finite(&format!("weights of layer {i}"), &layer.weights)?;
+            finite(&format!("biases of layer {i}"), &layer.bias)?;
+        }
+        let action = ActionScaling { scale, offset, low, high };
+        let frozen = Frozen::new(&self.layers, observation, action)?;
+        let card = self.card.filter(|card| card.policy(&frozen).is_some());
+        Ok(Imported { frozen, card, assumed })
+    }
+}
+
+fn refuse(both: bool, option: &'static str) -> Result<(), ImportError> {
+    if both { Err(ImportError::Own { option }) } else { Ok(()) }
+}
+
+fn finite(key: &str, figures: &[f32]) -> Result<(), ImportError> {
+    match figures.iter().position(|x| !x.is_finite()) {
+        None => Ok(()),
+        Some(i) => {
+            let found = figures[i].to_string();
+            Err(ImportError::value(format!("{key}[{i}]"), found, "a finite number"))
+        }
+    }
+}

@@ -1,0 +1,12 @@
+//! ONNX: an actor as a graph, scalings and clip included.
+
+mod proto;
+mod read;
+mod signal;
+mod tensor;
+#[cfg(test)]
+mod tests;
+mod write;
+
+pub use read::import;
+pub use write::export;

@@ -1,0 +1,280 @@
+//! From a graph to an actor.
+//!
+//! The nodes are gone through in their order, which ONNX wants to be one in which
+//! they can be run. Each edge is a constant, a [`Signal`] on its way from observation
+//! to action, or something else, of which only the reason is kept: it matters only
+//! where an output depends on it.
+
+use super::proto::{Attribute, DOUBLE, FLOAT, Graph, Model, Node, Tensor};
+use super::signal::{Input, Signal, Step};
+use super::tensor::Constant;
+use crate::bridge::ImportError;
+use crate::bridge::card::{Card, KEY};
+use crate::bridge::draft::Draft;
+use prost::Message;
+use std::collections::HashMap;
+use std::path::Path;
+use std::rc::Rc;
+
+/// What a node may be; a list for the user.
+const KNOWN: &str = "Add, Cast, Clip, Constant, Div, Dropout, Flatten, Gemm, Identity, MatMul, \
+                     Max, Min, Mul, Relu, Sub, Tanh, Transpose";
+
+/// What an edge carries.
+#[derive(Clone, Debug)]
+enum Edge<'a> {
+    /// In the file, not yet read.
+    Stored(&'a Tensor),
+    Constant(Rc<Constant>),
+    Signal(Signal),
+    /// Nothing that an actor has, and why.
+    Other(Rc<str>),
+}
+
+/// Reads an actor. `folder` is where it lies, for weights kept in a file beside it.
+///
+/// # Errors
+/// [`ImportError`] names the node that is not an actor's.
+pub fn import(bytes: &[u8], folder: Option<&Path>) -> Result<Draft, ImportError> {
+    let model = Model::decode(bytes)?;
+    let graph = model.graph.ok_or_else(|| ImportError::Graph("no graph in it".into()))?;
+    let card = model.metadata_props.iter().find(|e| e.key == KEY);
+    let card = card.map(|e| Card::parse(&e.value)).transpose()?;
+    let edges = Walk { folder, edges: HashMap::new() }.through(&graph)?;
+    let mut drafts = Vec::new();
+    let mut reasons = Vec::new();
+    for output in &graph.output {
+        let draft = match edges.get(output.name.as_str()) {
+            Some(Edge::Signal(signal)) => signal.clone().draft(),
+            Some(Edge::Other(why)) => Err(why.to_string()),
+            Some(Edge::Stored(_) | Edge::Constant(_)) => Err("it is a constant".into()),
+            None => Err("no node gives it".into()),
+        };
+        match draft {
+            Ok(draft) => drafts.push(draft),
+            Err(why) => reasons.push(format!("output {:?}: {why}", output.name)),
+        }
+    }
+    match (drafts.pop(), drafts.is_empty()) {
+        (Some(draft), true) => Ok(Draft { card, ..draft }),
+        (Some(_), false) => {
+            let outputs = drafts.len() + 1;
+            Err(ImportError::Graph(format!("{outputs} outputs are actions, expected one")))
+        }
+        (None, _) if reasons.is_empty() => Err(ImportError::Graph("it has no output".into())),
+        (None, _) => {
+            reasons.truncate(4);
+            Err(ImportError::Graph(reasons.join("; ")))
+        }
+    }
+}
+
+struct Walk<'a> {
+    folder: Option<&'a Path>,
+    edges: HashMap<&'a str, Edge<'a>>,
+}
+
+impl<'a> Walk<'a> {
+    fn through(mut self, graph: &'a Graph) -> Result<HashMap<&'a str, Edge<'a>>, ImportError> {
+        for tensor in &graph.initializer {
+            self.edges.insert(&tensor.name, Edge::Stored(tensor));
+        }
+        // Old files list their initializers among the inputs.
+        let inputs: Vec<&str> = graph.input.iter().map(|i| i.name.as_str()).collect();
+        let free: Vec<&str> =
+            inputs.into_iter().filter(|name| !self.edges.contains_key(name)).collect();
+        let [observation] = free[..] else {
+            let found = format!("{} inputs", free.len());
+            return Err(ImportError::value("graph", found, "one, the observation"));
+        };
+        self.edges.insert(observation, Edge::Signal(Signal::Observation(Input::PLAIN)));
+        for node in &graph.node {
+            let edge = self.run(node).unwrap_or_else(Edge::Other);
+            for (i, output) in node.output.iter().enumerate() {
+                let edge = if i == 0 {
+                    edge.clone()
+                } else {
+                    Edge::Other(format!("{}: its output {i} is not an actor's", label(node)).into())
+                };
+                self.edges.insert(output, edge);
+            }
+        }
+        Ok(self.edges)
+    }
+
+    /// The first output of a node.
+    fn run(&self, node: &'a Node) -> Result<Edge<'a>, Rc<str>> {
+        // An edge that is nothing already says why.
+        let arrives = |name: &String| match self.edges.get(name.as_str()) {
+            Some(Edge::Other(why)) => Some(why.clone()),
+            _ => None,
+        };
+        if let Some(why) = node.input.iter().find_map(arrives) {
+            return Err(why);
+        }
+        self.operation(node).map_err(|why| format!("{}: {why}", label(node)).into())
+    }
+
+    fn operation(&self, node: &'a Node) -> Result<Edge<'a>, String> {
+        if !matches!(node.domain.as_str(), "" | "ai.onnx") {
+            return Err(format!("of {:?}, expected a plain ONNX operation", node.domain));
+        }
+        let first = || self.edge(node, 0)?.ok_or_else(|| "its first input is missing".to_owned());
+        let signal = || match first()? {
+            Edge::Signal(signal) => Ok(signal),
+            _ => Err("its first input is a constant, expected the observation's way".to_owned()),
+        };
+        let result = match node.op_type.as_str() {
+            "Identity" | "Dropout" => return first(),
+            "Cast" => {
+                return match attribute(node, "to")
+                    .and_then(|a| a.i)
+                    .and_then(|i| i32::try_from(i).ok())
+                {
+                    Some(FLOAT | DOUBLE) => first(),
+                    _ => Err("to something other than float or double".into()),
+                };
+            }
+            "Constant" => return constant(node),
+            "Transpose" => {
+                let axes = attribute(node, "perm").map_or(&[][..], |a| &a.ints);
+                let matrix = self.constant(node, 0)?.ok_or("its input is missing")?;
+                if !matches!(axes, [] | [1, 0]) {
+                    return Err(format!("perm {axes:?}, expected [1, 0]"));
+                }
+                return Ok(Edge::Constant(Rc::new(matrix.transposed()?)));
+            }
+            "Flatten" => match attribute(node, "axis").and_then(|a| a.i) {
+                None | Some(1) => signal(),
+                Some(axis) => Err(format!("axis {axis}, expected 1")),
+            },
+            "Gemm" => self.gemm(node, signal()?),
+            "MatMul" => {
+                let weights = self.constant(node, 1)?.ok_or("its second input is missing")?;
+                let weights = weights.transposed()?;
+                let shape = weights.matrix()?;
+                signal()?.dense(shape, weights.f32s(), vec![0.0; shape[0]])
+            }
+            "Relu" => signal()?.relu(),
+            "Tanh" => signal()?.tanh(),
+            "Add" => self.step(node, Step::Add),
+            "Sub" => self.step(node, Step::Sub),
+            "Mul" => self.step(node, Step::Mul),
+            "Div" => self.step(node, Step::Div),
+            "Clip" => self.clip(node, signal()?),
+            "Max" => self.pair(node).and_then(|(signal, bound, _)| signal.at_least(&bound)),
+            "Min" => self.pair(node).and_then(|(signal, bound, _)| signal.at_most(&bound)),
+            _ => Err(format!("not an operation that an actor may have; these are {KNOWN}")),
+        };
+        result.map(Edge::Signal)
+    }
+
+    /// An input; `None` where it is left out.
+    fn edge(&self, node: &Node, index: usize) -> Result<Option<Edge<'a>>, String> {
+        match node.input.get(index).map(String::as_str) {
+            None | Some("") => Ok(None),
+            Some(name) => match self.edges.get(name) {
+                Some(edge) => Ok(Some(edge.clone())),
+                None => Err(format!("its input {name:?} is given by no node before it")),
+            },
+        }
+    }
+
+    /// An input that must be a constant; `None` where it is left out.
+    fn constant(&self, node: &Node, index: usize) -> Result<Option<Rc<Constant>>, String> {
+        match self.edge(node, index)? {
+            None => Ok(None),
+            Some(Edge::Constant(constant)) => Ok(Some(constant)),
+            Some(Edge::Stored(tensor)) => Constant::read(tensor, self.folder)
+                .map(|c| Some(Rc::new(c)))
+                .map_err(|why| format!("tensor {:?}: {why}", tensor.name)),
+            Some(_) => Err(format!("its input {index} is computed, expected a constant")),
+        }
+    }
+
+    /// A signal and a constant, and whether the constant comes first.
+    fn pair(&self, node: &Node) -> Result<(Signal, Rc<Constant>, bool), String> {
+        if node.input.len() != 2 {
+            return Err(format!("{} inputs, expected 2", node.input.len()));
+        }
+        let missing = || "an input is missing".to_owned();
+        let constant = |index| self.constant(node, index)?.ok_or_else(missing);
+        match (self.edge(node, 0)?, self.edge(node, 1)?) {
+            (Some(Edge::Signal(_)), Some(Edge::Signal(_))) => {
+                Err("of two computed values, expected a constant".into())
+            }
+            (Some(Edge::Signal(signal)), _) => Ok((signal, constant(1)?, false)),
+            (_, Some(Edge::Signal(signal))) => Ok((signal, constant(0)?, true)),
+            _ => Err("of two constants; export with constant folding".into()),
+        }
+    }
+
+    fn step(&self, node: &Node, step: Step) -> Result<Signal, String> {
+        let (signal, by, reversed) = self.pair(node)?;
+        match (reversed, step) {
+            (false, _) | (true, Step::Add | Step::Mul) => signal.step(step, &by),
+            // c - x = -x + c
+            (true, Step::Sub) => {
+                signal.step(Step::Mul, &Constant::scalar(-1.0)?)?.step(Step::Add, &by)
+            }
+            (true, Step::Div) => Err("a constant by a computed value".into()),
+        }
+    }
+
+    fn gemm(&self, node: &Node, signal: Signal) -> Result<Signal, String> {
+        for (name, wanted) in [("alpha", 1.0), ("beta", 1.0)] {
+            if let Some(x) = attribute(node, name).and_then(|a| a.f).filter(|&x| x != wanted) {
+                return Err(format!("{name} {x}, expected {wanted}"));
+            }
+        }
+        let flag = |name: &str| attribute(node, name).and_then(|a| a.i).unwrap_or(0) != 0;
+        if flag("transA") {
+            return Err("transA, expected the observation by rows".into());
+        }
+        let mut weights = self.constant(node, 1)?.ok_or("its second input is missing")?;
+        if !flag("transB") {
+            weights = Rc::new(weights.transposed()?);
+        }
+        let [outputs, inputs] = weights.matrix()?;
+        let bias = match self.constant(node, 2)? {
+            Some(bias) => bias.spread_over(outputs)?,
+            None => vec![0.0; outputs],
+        };
+        let bias = bias.into_iter().map(|x| x as f32).collect();
+        signal.dense([outputs, inputs], weights.f32s(), bias)
+    }
+
+    fn clip(&self, node: &Node, mut signal: Signal) -> Result<Signal, String> {
+        // As attributes before opset 11, as inputs since.
+        let bound = |name: &str, index| match attribute(node, name).and_then(|a| a.f) {
+            Some(x) => Constant::scalar(x).map(|c| Some(Rc::new(c))),
+            None => self.constant(node, index),
+        };
+        if let Some(low) = bound("min", 1)? {
+            signal = signal.at_least(&low)?;
+        }
+        if let Some(high) = bound("max", 2)? {
+            signal = signal.at_most(&high)?;
+        }
+        Ok(signal)
+    }
+}
+
+/// The value of a Constant node.
+fn constant(node: &Node) -> Result<Edge<'_>, String> {
+    if let Some(tensor) = attribute(node, "value").and_then(|a| a.t.as_ref()) {
+        return Ok(Edge::Stored(tensor));
+    }
+    match attribute(node, "value_float").and_then(|a| a.f) {
+        Some(x) => Ok(Edge::Constant(Rc::new(Constant::scalar(x)?))),
+        None => Err("neither a tensor nor a number".into()),
+    }
+}
+
+fn attribute<'n>(node: &'n Node, name: &str) -> Option<&'n Attribute> {
+    node.attribute.iter().find(|a| a.name == name)
+}
+
+fn label(node: &Node) -> String {
+    format!("node {} {:?}", node.op_type.escape_debug(), node.name)
+}

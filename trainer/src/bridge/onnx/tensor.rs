@@ -1,0 +1,164 @@
+//! Constants of a graph, in the file or in one beside it.
+
+use super::proto::{DOUBLE, EXTERNAL, FLOAT, Tensor};
+use controller::actor::MAX_WIDTH;
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::{Component, Path};
+
+/// Most figures in a constant that an actor may have.
+const MOST_FIGURES: usize = MAX_WIDTH * MAX_WIDTH;
+
+/// A tensor of finite figures.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Constant {
+    pub(super) dims: Vec<usize>,
+    pub(super) figures: Vec<f64>,
+}
+
+impl Constant {
+    pub(super) fn scalar(x: f32) -> Result<Self, String> {
+        Self::new(vec![], vec![f64::from(x)])
+    }
+
+    /// The only way to make one: as many figures as the dimensions say, all finite.
+    fn new(dims: Vec<usize>, figures: Vec<f64>) -> Result<Self, String> {
+        let expected: usize = dims.iter().product();
+        if figures.len() != expected {
+            return Err(format!(
+                "{} figures where its shape {dims:?} has {expected}",
+                figures.len()
+            ));
+        }
+        match figures.iter().position(|x| !(*x as f32).is_finite()) {
+            None => Ok(Self { dims, figures }),
+            Some(i) => Err(format!("figure {i} is {}, not a finite number within f32", figures[i])),
+        }
+    }
+
+    /// Reads a tensor. `folder` is where files beside this one are looked for.
+    pub(super) fn read(tensor: &Tensor, folder: Option<&Path>) -> Result<Self, String> {
+        // Before any of it is read or made room for.
+        let mut count = 1_usize;
+        let mut dims = Vec::new();
+        for &n in &tensor.dims {
+            let n = usize::try_from(n).ok().filter(|&n| n <= MOST_FIGURES);
+            let larger = n.and_then(|n| count.checked_mul(n)).filter(|&c| c <= MOST_FIGURES);
+            let (Some(n), Some(larger)) = (n, larger) else {
+                let shape = &tensor.dims[..tensor.dims.len().min(8)];
+                return Err(format!(
+                    "shape {shape:?}, an actor's have at most {MOST_FIGURES} figures"
+                ));
+            };
+            count = larger;
+            dims.push(n);
+        }
+        let size = match tensor.data_type {
+            FLOAT => 4,
+            DOUBLE => 8,
+            other => {
+                return Err(format!("data type {other}, readable are 1 (float) and 11 (double)"));
+            }
+        };
+        let outside;
+        let raw = if tensor.data_location == EXTERNAL {
+            outside = external(tensor, count * size, folder)?;
+            Some(outside.as_slice())
+        } else {
+            tensor.raw_data.as_deref()
+        };
+        let figures = match (raw, size) {
+            (Some(raw), _) if raw.len() != count * size => {
+                return Err(format!(
+                    "{} bytes where its shape {dims:?} has {}",
+                    raw.len(),
+                    count * size
+                ));
+            }
+            (Some(raw), 4) => {
+                raw.as_chunks().0.iter().map(|&b| f64::from(f32::from_le_bytes(b))).collect()
+            }
+            (Some(raw), _) => raw.as_chunks().0.iter().map(|&b| f64::from_le_bytes(b)).collect(),
+            (None, 4) => tensor.float_data.iter().map(|&x| f64::from(x)).collect(),
+            (None, _) => tensor.double_data.clone(),
+        };
+        Self::new(dims, figures)
+    }
+
+    /// Rows and columns.
+    pub(super) fn matrix(&self) -> Result<[usize; 2], String> {
+        match self.dims[..] {
+            [rows, columns] if rows > 0 && columns > 0 => Ok([rows, columns]),
+            _ => Err(format!("a constant of shape {:?}, expected a matrix", self.dims)),
+        }
+    }
+
+    pub(super) fn transposed(&self) -> Result<Self, String> {
+        let [rows, columns] = self.matrix()?;
+        let figures = (0..columns)
+            .flat_map(|j| (0..rows).map(move |i| (i, j)))
+            .map(|(i, j)| self.figures[i * columns + j]);
+        Ok(Self { dims: vec![columns, rows], figures: figures.collect() })
+    }
+
+    /// As a row of this width, to go with each row of a batch.
+    pub(super) fn spread_over(&self, width: usize) -> Result<Vec<f64>, String> {
+        let leading = self.dims.split_last().map_or(&[][..], |(_, leading)| leading);
+        match (self.figures.len(), leading.iter().all(|&n| n == 1)) {
+            (1, _) => Ok(vec![self.figures[0]; width]),
+            (n, true) if n == width => Ok(self.figures.clone()),
+            _ => Err(format!("a constant of shape {:?} beside rows of {width}", self.dims)),
+        }
+    }
+
+    pub(super) fn spread<const N: usize>(&self) -> Result<[f64; N], String> {
+        let row = self.spread_over(N)?;
+        Ok(std::array::from_fn(|i| row[i]))
+    }
+
+    pub(super) fn f32s(&self) -> Vec<f32> {
+        self.figures.iter().map(|&x| x as f32).collect()
+    }
+}
+
+/// Bytes from a file in the same folder.
+fn external(tensor: &Tensor, bytes: usize, folder: Option<&Path>) -> Result<Vec<u8>, String> {
+    let entry =
+        |key: &str| tensor.external_data.iter().find(|e| e.key == key).map(|e| e.value.as_str());
+    let location = entry("location").ok_or("external data without a location")?;
+    let place = Path::new(location);
+    let within = place.components().all(|c| matches!(c, Component::Normal(_)));
+    if !within || location.is_empty() {
+        return Err(format!("external data in {location:?}, which is not below the file's folder"));
+    }
+    let number = |key: &str| match entry(key) {
+        None => Ok(None),
+        Some(text) => match text.parse::<u64>() {
+            Ok(n) => Ok(Some(n)),
+            Err(_) => Err(format!("external data with {key} {text:?}, expected a number")),
+        },
+    };
+    let offset = number("offset")?.unwrap_or(0);
+    if let Some(length) = number("length")?.filter(|&n| n != bytes as u64) {
+        return Err(format!("{length} bytes of external data where its shape has {bytes}"));
+    }
+    let folder = folder.ok_or("external data, but no folder to look in")?;
+    let path = folder.join(place);
+    let unreadable = |why: String| format!("external data in {}: {why}", path.display());
+    // Nor by a link to somewhere else.
+    let real = |p: &Path| p.canonicalize().map_err(|e| unreadable(e.to_string()));
+    if !real(&path)?.starts_with(real(folder)?) || !path.is_file() {
+        return Err(unreadable("not a file below the folder of the ONNX file".into()));
+    }
+    let mut data = Vec::with_capacity(bytes);
+    File::open(&path)
+        .and_then(|mut file| {
+            file.seek(SeekFrom::Start(offset))?;
+            file.take(bytes as u64).read_to_end(&mut data)
+        })
+        .map_err(|e| unreadable(e.to_string()))?;
+    if data.len() < bytes {
+        return Err(unreadable(format!("it ends after {} of {bytes} bytes", data.len())));
+    }
+    Ok(data)
+}

@@ -1,0 +1,265 @@
+//! Graphs as others write them.
+
+use super::import;
+use super::proto::{
+    ATTRIBUTE_INT, Attribute, EXTERNAL, Entry, FLOAT, Graph, Model, Node, Tensor, ValueInfo,
+};
+use crate::bridge::draft::{Draft, Given};
+use controller::actor::{Action, Observation};
+use prost::Message;
+use std::path::Path;
+
+fn tensor(name: &str, dims: &[i64], figures: &[f32]) -> Tensor {
+    Tensor {
+        name: name.into(),
+        dims: dims.into(),
+        data_type: FLOAT,
+        float_data: figures.into(),
+        ..Default::default()
+    }
+}
+
+/// `op in in ... > out`, with an integer attribute after a colon: `Gemm:transB=1`.
+fn node(text: &str) -> Node {
+    let (left, output) = text.split_once(" > ").unwrap();
+    let mut words = left.split(' ');
+    let (op, attribute) = {
+        let op = words.next().unwrap();
+        op.split_once(':').map_or((op, None), |(op, a)| (op, a.split_once('=')))
+    };
+    let attribute = attribute.map(|(name, value)| Attribute {
+        name: name.into(),
+        i: Some(value.parse().unwrap()),
+        kind: ATTRIBUTE_INT,
+        ..Default::default()
+    });
+    Node {
+        input: words.map(|w| if w == "_" { String::new() } else { w.into() }).collect(),
+        output: vec![output.into()],
+        name: format!("n_{output}"),
+        op_type: op.into(),
+        attribute: attribute.into_iter().collect(),
+        ..Default::default()
+    }
+}
+
+fn constants() -> Vec<Tensor> {
+    vec![
+        tensor("w1", &[2, 3], &[1.0, 0.5, 0.25, -1.0, 2.0, 3.0]),
+        tensor("w1t", &[3, 2], &[1.0, -1.0, 0.5, 2.0, 0.25, 3.0]),
+        tensor("b1", &[2], &[0.125, -0.5]),
+        tensor("w2", &[2, 2], &[0.5, -0.25, 0.125, 1.0]),
+        tensor("w2t", &[2, 2], &[0.5, 0.125, -0.25, 1.0]),
+        tensor("b2", &[1, 2], &[0.0625, -0.5]),
+        tensor("mean", &[1, 3], &[0.5, 2.0, 0.0]),
+        tensor("deviation", &[3], &[2.0, 4.0, 0.5]),
+        tensor("half", &[], &[0.5]),
+        tensor("one", &[1], &[1.0]),
+        tensor("minus", &[], &[-1.0]),
+        tensor("range", &[2], &[2.0, 2.0]),
+        tensor("low", &[2], &[0.5, 0.0]),
+        tensor("high", &[2], &[2.5, 2.0]),
+    ]
+}
+
+fn model(nodes: &[&str], constants: Vec<Tensor>) -> Vec<u8> {
+    let value = |name: &str| ValueInfo { name: name.into(), kind: None };
+    let graph = Graph {
+        node: nodes.iter().map(|n| node(n)).collect(),
+        name: "g".into(),
+        initializer: constants,
+        input: vec![value("obs")],
+        output: vec![value("act")],
+    };
+    Model { ir_version: 7, graph: Some(graph), ..Default::default() }.encode_to_vec()
+}
+
+fn read(nodes: &[&str]) -> Result<Draft, String> {
+    import(&model(nodes, constants()), None).map_err(|e| e.to_string())
+}
+
+fn act(draft: Draft, [vx, y, rho]: [f32; 3]) -> [f32; 2] {
+    let frozen = draft.complete(&Given::default()).unwrap().frozen;
+    let observation = Observation { apex_vx_m_s: vx, apex_y_m: y, density_ratio: rho };
+    let Action { touchdown_angle_rad, elongation_speed_m_s } = frozen.actor().act(observation);
+    [touchdown_angle_rad, elongation_speed_m_s]
+}
+
+/// The network of [`constants`], by hand.
+fn tanh_of_network([a, b, c]: [f32; 3]) -> [f32; 2] {
+    let h = [0.125 + a + 0.5 * b + 0.25 * c, -0.5 - a + 2.0 * b + 3.0 * c].map(|x| x.max(0.0));
+    [0.0625 + 0.5 * h[0] - 0.25 * h[1], -0.5 + 0.125 * h[0] + h[1]].map(libm::tanhf)
+}
+
+const X: [f32; 3] = [0.75, 0.5, 0.125];
+
+#[test]
+fn the_same_network_is_read_however_its_layers_are_written() {
+    let spellings: [&[&str]; 4] = [
+        &["Gemm:transB=1 obs w1 b1 > a", "Relu a > b", "Gemm:transB=1 b w2 b2 > c", "Tanh c > act"],
+        &["Gemm obs w1t b1 > a", "Relu a > b", "Gemm:transB=0 b w2t b2 > c", "Tanh c > act"],
+        &[
+            "Flatten:axis=1 obs > o",
+            "Transpose w1 > k",
+            "MatMul o k > a",
+            "Add b1 a > a2",
+            "Relu a2 > b",
+            "MatMul b w2t > c",
+            "Add c b2 > c2",
+            "Tanh c2 > act",
+        ],
+        &[
+            "Cast:to=1 obs > o",
+            "Gemm:transB=1 o w1 > a",
+            "Add a b1 > a2",
+            "Relu a2 > b",
+            "Identity b > b2",
+            "Gemm:transB=1 b2 w2 b2c > c",
+            "Tanh c > act",
+        ],
+    ];
+    let tanh = tanh_of_network(X);
+    // Nothing is said of the actions: they are spread over the leg's bounds.
+    let pi = std::f32::consts::PI;
+    let [low, high] = [pi / 10.0, pi / 1.2];
+    let expected = [low + (tanh[0] + 1.0) * (high - low) / 2.0, tanh[1] + 1.0];
+    for nodes in spellings {
+        let mut constants = constants();
+        constants.push(tensor("b2c", &[2], &[0.0625, -0.5]));
+        let draft = import(&model(nodes, constants), None).unwrap();
+        assert_eq!((draft.observation, draft.action, draft.bounds), (None, None, None));
+        let found = act(draft, X);
+        assert!((0..2).all(|i| (found[i] - expected[i]).abs() < 1e-6), "{found:?} {expected:?}");
+    }
+}
+
+const NETWORK: [&str; 4] =
+    ["Gemm:transB=1 x w1 b1 > a", "Relu a > b", "Gemm:transB=1 b w2 b2 > c", "Tanh c > t"];
+
+fn with_network<'a>(before: &[&'a str], after: &[&'a str]) -> Vec<&'a str> {
+    [before, &NETWORK, after].concat()
+}
+
+#[test]
+fn scalings_and_clips_are_taken_from_the_graph() {
+    let scaled = [0, 1, 2].map(|i| (X[i] - [0.5, 2.0, 0.0][i]) / [2.0, 4.0, 0.5][i]);
+    let tanh = tanh_of_network(scaled);
+    let before = ["Sub obs mean > s", "Div s deviation > x"];
+    // low + (high - low) (tanh + 1) / 2, as a Box action is unscaled
+    let after = ["Add t one > u", "Mul u half > v", "Mul range v > w", "Add w low > act"];
+    let draft = read(&with_network(&before, &after)).unwrap();
+    assert_eq!(draft.bounds, None);
+    let found = act(draft, X);
+    for i in 0..2 {
+        let expected = [0.5, 0.0][i] + (tanh[i] + 1.0);
+        assert!((found[i] - expected).abs() < 1e-6, "{found:?}");
+    }
+    // A clip before the scaling, and one after it.
+    let clipped = ["Clip t minus one > u", "Mul u range > v", "Max low v > w", "Min w high > act"];
+    let draft = read(&with_network(&before, &clipped)).unwrap();
+    assert_eq!(draft.action, Some([[2.0; 2], [0.0; 2]]));
+    assert_eq!(draft.bounds, Some([[0.5, 0.0], [2.0, 2.0]]));
+    // One that changes nothing says nothing.
+    let draft = read(&with_network(&before, &["Clip t minus one > act"])).unwrap();
+    assert_eq!((draft.action, draft.bounds), (None, None));
+    // c - x
+    let draft = read(&with_network(&["Sub mean obs > x"], &["Sub high t > act"])).unwrap();
+    let scaling = draft.observation.unwrap();
+    assert_eq!((scaling.offset, scaling.scale), ([0.5, 2.0, 0.0], [-1.0; 3]));
+    assert_eq!(draft.action, Some([[-1.0; 2], [2.5, 2.0]]));
+}
+
+#[test]
+fn what_no_actor_does_is_named() {
+    let refused = |nodes: &[&str]| read(nodes).unwrap_err();
+    let elu =
+        ["Gemm:transB=1 obs w1 b1 > a", "Elu a > b", "Gemm:transB=1 b w2 b2 > c", "Tanh c > act"];
+    assert!(
+        refused(&elu).starts_with(
+            "output \"act\": node Elu \"n_b\": not an operation that an actor may have; these are Add"
+        ),
+        "{}",
+        refused(&elu)
+    );
+    let tanh = ["Gemm:transB=1 obs w1 b1 > a", "Tanh a > b", "Gemm:transB=1 b w2 b2 > act"];
+    assert!(refused(&tanh).contains("node Gemm \"n_act\": a layer after Tanh; hidden"));
+    let straight = ["Gemm:transB=1 obs w1 b1 > a", "Gemm:transB=1 a w2 b2 > c", "Tanh c > act"];
+    assert!(refused(&straight).contains("two layers without a ReLU between them"));
+    let wrong = ["Gemm obs w1 > a", "Tanh a > act"];
+    assert!(refused(&wrong).contains("a layer of 2 inputs where 3 arrive"));
+    let no_tanh = ["Gemm:transB=1 obs w1 b1 > act"];
+    assert!(refused(&no_tanh).contains("a layer before its ReLU, with no Tanh at the end"));
+    let two = ["Gemm:transB=1 obs w1 b1 > a", "Add a a > act"];
+    assert!(refused(&two).contains("of two computed values, expected a constant"));
+    assert!(refused(&["Relu nothing > act"]).contains("its input \"nothing\" is given by no node"));
+    assert!(refused(&["Relu w1 > act"]).contains("its first input is a constant"));
+    assert!(refused(&["Relu obs > other"]).contains("output \"act\": no node gives it"));
+    assert!(refused(&["Mul obs b1 > act"]).contains("a constant of shape [2] beside rows of 3"));
+    assert!(refused(&["Gemm:transA=1 obs w1 b1 > act"]).contains("transA"));
+    assert!(refused(&["Gemm obs _ b1 > act"]).contains("its second input is missing"));
+}
+
+/// The graph of one layer, whose weights are this tensor.
+fn of_weights(weights: Tensor, folder: Option<&Path>) -> Result<Draft, String> {
+    let nodes = ["Gemm:transB=1 obs w > a", "Tanh a > act"];
+    import(&model(&nodes, vec![weights]), folder).map_err(|e| e.to_string())
+}
+
+#[test]
+fn damaged_tensors_are_refused() {
+    let good = || tensor("w", &[2, 3], &[1.0; 6]);
+    assert!(of_weights(good(), None).is_ok());
+    let refused = |change: &dyn Fn(&mut Tensor), said: &str| {
+        let mut weights = good();
+        change(&mut weights);
+        let error = of_weights(weights, None).unwrap_err();
+        assert!(error.contains("node Gemm") && error.contains(said), "{error}");
+    };
+    refused(&|t| t.dims = vec![i64::MAX, 3], "at most 16384 figures");
+    refused(&|t| t.dims = vec![1 << 32, 1 << 32], "at most 16384 figures");
+    refused(&|t| t.dims = vec![-2, -3], "at most 16384 figures");
+    refused(&|t| t.dims = vec![0, 3], "6 figures where its shape [0, 3] has 0");
+    refused(&|t| t.dims = vec![6], "expected a matrix");
+    refused(&|t| t.float_data[4] = f32::NAN, "figure 4 is NaN");
+    refused(&|t| t.data_type = 10, "data type 10, readable are");
+    refused(&|t| t.raw_data = Some(vec![0; 23]), "23 bytes where its shape [2, 3] has 24");
+    refused(&|t| t.data_location = EXTERNAL, "without a location");
+}
+
+#[test]
+fn weights_beside_the_file_are_read_and_only_those() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = directory.path().join("model");
+    std::fs::create_dir(&folder).unwrap();
+    let figures: Vec<f32> = (0..7).map(|i| i as f32).collect();
+    std::fs::write(folder.join("w.data"), bytemuck::cast_slice::<f32, u8>(&figures)).unwrap();
+    std::fs::write(directory.path().join("secret"), [0; 24]).unwrap();
+    std::os::unix::fs::symlink("../secret", folder.join("link")).unwrap();
+    let of = |entries: &[(&str, &str)]| {
+        let external_data =
+            entries.iter().map(|&(k, v)| Entry { key: k.into(), value: v.into() }).collect();
+        let weights = Tensor {
+            data_location: EXTERNAL,
+            float_data: vec![],
+            external_data,
+            ..tensor("w", &[2, 3], &[])
+        };
+        of_weights(weights, Some(&folder))
+    };
+    let draft = of(&[("location", "w.data"), ("offset", "4"), ("length", "24")]).unwrap();
+    assert_eq!(draft.layers[0].weights, figures[1..]);
+    for (entries, said) in [
+        (&[("location", "w.data"), ("offset", "8")][..], "it ends after 20 of 24 bytes"),
+        (&[("location", "w.data"), ("offset", "18446744073709551615")], "external data in"),
+        (&[("location", "w.data"), ("offset", "-4")], "offset \"-4\", expected a number"),
+        (&[("location", "w.data"), ("length", "9999999999")], "9999999999 bytes of external data"),
+        (&[("location", "../secret")], "not below the file's folder"),
+        (&[("location", "/etc/passwd")], "not below the file's folder"),
+        (&[("location", "link")], "not a file below the folder"),
+        (&[("location", "none")], "No such file"),
+        (&[("location", "")], "not below"),
+    ] {
+        let error = of(entries).unwrap_err();
+        assert!(error.contains(said), "{entries:?}: {error}");
+    }
+}

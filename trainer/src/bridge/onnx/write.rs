@@ -1,0 +1,132 @@
+//! From a policy to a graph.
+
+use super::proto::{
+    ATTRIBUTE_INT, Attribute, Dimension, Entry, FLOAT, Graph, Model, Node, OperatorSet, Shape,
+    Tensor, TensorType, Type, ValueInfo,
+};
+use crate::bridge::card::{Card, KEY};
+use crate::policy::Frozen;
+use controller::actor::{INPUTS, OUTPUTS};
+use controller::policy::Policy;
+use prost::Message;
+
+/// Of January 2021: old enough for every runtime in use, and the first in which all
+/// operations used here have the form that they still have.
+const OPSET: i64 = 13;
+/// The version of the file format that goes with it.
+const IR_VERSION: i64 = 7;
+
+/// A policy as an ONNX file: a graph from `observation`, f32 (batch, 3), to `action`,
+/// f32 (batch, 2). The same bytes every time.
+///
+/// Sub, Mul, then Gemm and Relu by turns, Tanh, Mul, Add, and Max and Min for the clip,
+/// whose bounds differ from action to action. Only what is not a number goes another
+/// way: here it stays so, where the controller takes the lowest action.
+#[must_use]
+pub fn export(policy: &Policy<'_>) -> Vec<u8> {
+    let frozen = Frozen::from(policy);
+    let card = Card::from(policy);
+    let mut chain = Chain { at: "observation".into(), nodes: vec![], initializers: vec![] };
+    let o = &frozen.observation;
+    chain.with("Sub", "observation_offset", &o.offset);
+    chain.with("Mul", "observation_scale", &o.scale);
+    let layers = frozen.layers();
+    for (i, layer) in layers.iter().enumerate() {
+        let weight = chain.constant(
+            &format!("{}.weight", 2 * i),
+            &[layer.bias.len(), layer.inputs],
+            &layer.weights,
+        );
+        let bias = chain.constant(&format!("{}.bias", 2 * i), &[layer.bias.len()], &layer.bias);
+        chain.node("Gemm", &[weight, bias]);
+        let transposed = Attribute {
+            name: "transB".into(),
+            i: Some(1),
+            kind: ATTRIBUTE_INT,
+            ..Default::default()
+        };
+        chain.nodes.last_mut().expect("just pushed").attribute.push(transposed);
+        chain.node(if i + 1 < layers.len() { "Relu" } else { "Tanh" }, &[]);
+    }
+    let a = &frozen.action;
+    chain.with("Mul", "action_scale", &a.scale);
+    chain.with("Add", "action_offset", &a.offset);
+    chain.with("Max", "action_low", &a.low);
+    chain.with("Min", "action_high", &a.high);
+    let Chain { mut nodes, initializers, .. } = chain;
+    if let Some(last) = nodes.last_mut() {
+        last.output = vec!["action".into()];
+    }
+    let graph = Graph {
+        node: nodes,
+        name: "actor".into(),
+        initializer: initializers,
+        input: vec![batch_of("observation", INPUTS)],
+        output: vec![batch_of("action", OUTPUTS)],
+    };
+    Model {
+        ir_version: IR_VERSION,
+        producer_name: "trainer".into(),
+        producer_version: env!("CARGO_PKG_VERSION").into(),
+        doc_string: "A leg's actor. observation: apex vx m/s, apex y m, density ratio. \
+                     action: touchdown angle rad, elongation speed m/s."
+            .into(),
+        graph: Some(graph),
+        opset_import: vec![OperatorSet { domain: String::new(), version: OPSET }],
+        metadata_props: vec![Entry { key: KEY.into(), value: card.to_json() }],
+    }
+    .encode_to_vec()
+}
+
+/// Nodes one after the other.
+struct Chain {
+    /// The last one's output.
+    at: String,
+    nodes: Vec<Node>,
+    initializers: Vec<Tensor>,
+}
+
+impl Chain {
+    fn node(&mut self, op: &str, constants: &[String]) {
+        let name = format!("{}_{}", op.to_lowercase(), self.nodes.len());
+        let input = std::iter::once(&self.at).chain(constants).cloned().collect();
+        self.nodes.push(Node {
+            input,
+            output: vec![name.clone()],
+            name: name.clone(),
+            op_type: op.into(),
+            ..Default::default()
+        });
+        self.at = name;
+    }
+
+    fn with(&mut self, op: &str, name: &str, figures: &[f32]) {
+        let constant = self.constant(name, &[figures.len()], figures);
+        self.node(op, &[constant]);
+    }
+
+    fn constant(&mut self, name: &str, dims: &[usize], figures: &[f32]) -> String {
+        self.initializers.push(Tensor {
+            dims: dims.iter().map(|&n| dimension(n)).collect(),
+            data_type: FLOAT,
+            name: name.into(),
+            raw_data: Some(figures.iter().flat_map(|x| x.to_le_bytes()).collect()),
+            ..Default::default()
+        });
+        name.into()
+    }
+}
+
+/// Any number of rows of this width.
+fn batch_of(name: &str, width: usize) -> ValueInfo {
+    let batch = Dimension { dim_value: None, dim_param: Some("batch".into()) };
+    let width = Dimension { dim_value: Some(dimension(width)), dim_param: None };
+    let shape = Some(Shape { dim: vec![batch, width] });
+    let tensor_type = Some(TensorType { elem_type: FLOAT, shape });
+    ValueInfo { name: name.into(), kind: Some(Type { tensor_type }) }
+}
+
+/// A width of an actor: at most 128.
+fn dimension(n: usize) -> i64 {
+    i64::try_from(n).unwrap_or(i64::MAX)
+}

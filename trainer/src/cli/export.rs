@@ -1,0 +1,63 @@
+//! `trainer export`
+
+use super::inspect::test_vectors;
+use super::output::{Target, print};
+use super::{Failure, failed, input};
+use crate::bridge::{c, onnx, safetensors};
+use clap::{Args, ValueEnum};
+use controller::host::blob::PolicyBlob;
+use std::path::PathBuf;
+
+const FORMATS: &str = "\
+safetensors  the layers by the names and shapes of a PyTorch nn.Sequential: 0.weight,
+             0.bias, 2.weight, …; the scalings, the gains and the rest as JSON under
+             the metadata key leg_actor
+onnx         a graph from observation, float (batch, 3), to action, float (batch, 2),
+             scalings and clip included; opset 13; the same JSON in its metadata_props
+c            one C99 file with void leg_actor(const float observation[3], float
+             action[2]), which needs no libc and gives the controller's bits
+
+The observation is vx (m/s), y (m) and density ratio rho; the action is the touchdown
+angle alpha (rad) and the elongation speed rs (m/s). The same policy gives the same
+file, and `trainer import` makes the very policy of the first two again.";
+
+#[derive(Debug, Args)]
+#[command(after_help = FORMATS)]
+pub(super) struct Arguments {
+    /// The policy file; without it, the policy shipped with the program
+    #[arg(long)]
+    policy: Option<PathBuf>,
+    /// What to write
+    #[arg(long, value_enum)]
+    to: Format,
+    /// The file to write
+    file: PathBuf,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Format {
+    Safetensors,
+    Onnx,
+    C,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let bytes = PolicyBlob::load(arguments.policy.as_deref()).map_err(input)?;
+    let policy = bytes.policy().map_err(input)?;
+    let content = match arguments.to {
+        Format::Safetensors => safetensors::export(&policy),
+        Format::Onnx => onnx::export(&policy),
+        Format::C => {
+            let vectors = test_vectors(bytes.as_slice()).map_err(failed)?;
+            c::export(&policy, &vectors).into_bytes()
+        }
+    };
+    Target { path: &arguments.file, option: "FILE" }.write(&content)?;
+    print(&format!(
+        "{}: {} of CRC-32 {:08x}, {} bytes",
+        arguments.file.display(),
+        policy.manifest().name,
+        policy.crc32(),
+        content.len()
+    ))
+}

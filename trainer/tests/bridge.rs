@@ -1,0 +1,298 @@
+//! Policies out to safetensors and ONNX and in again; files that others write, and
+//! files that are damaged.
+
+use controller::host::blob::AlignedBytes;
+use controller::policy::{Policy, SHIPPED};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use safetensors::tensor::TensorView;
+use safetensors::{Dtype, SafeTensors};
+use std::collections::HashMap;
+use std::io::Write;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use trainer::bridge::card::KEY;
+use trainer::bridge::draft::{Draft, Given};
+use trainer::bridge::{ImportError, onnx, safetensors as st};
+use trainer::policy::Frozen;
+
+fn shipped() -> Policy<'static> {
+    Policy::parse(SHIPPED).unwrap()
+}
+
+type Import = fn(&[u8]) -> Result<Draft, ImportError>;
+
+fn imports() -> [(Vec<u8>, Import); 2] {
+    let policy = shipped();
+    [
+        (st::export(&policy), |bytes| st::import(bytes, None)),
+        (onnx::export(&policy), |bytes| onnx::import(bytes, None)),
+    ]
+}
+
+#[test]
+fn a_policy_comes_back_bit_for_bit() {
+    for (bytes, import) in imports() {
+        let imported = import(&bytes).unwrap().complete(&Given::default()).unwrap();
+        assert_eq!(imported.frozen, Frozen::from(&shipped()));
+        assert!(imported.assumed.is_empty(), "{:?}", imported.assumed);
+        let card = imported.card.expect("the weights are those it was written for");
+        assert_eq!(card.policy(&imported.frozen).unwrap().as_slice(), SHIPPED);
+    }
+    // The same file every time, whatever the order of a hash map.
+    for (first, second) in imports().into_iter().zip(imports()) {
+        assert!(first.0 == second.0);
+    }
+}
+
+#[test]
+fn a_card_does_not_vouch_for_other_weights() {
+    let (bytes, import) = imports().into_iter().next().unwrap();
+    let mut draft = import(&bytes).unwrap();
+    draft.layers[1].weights[7] += 1e-3;
+    let imported = draft.complete(&Given::default()).unwrap();
+    assert_eq!(imported.card, None);
+    assert_eq!(imported.frozen.observation, Frozen::from(&shipped()).observation);
+}
+
+#[test]
+fn what_the_file_says_cannot_be_said_otherwise() {
+    for (bytes, import) in imports() {
+        let given = Given { action_scale: Some([1.0, 1.0]), ..Given::default() };
+        let error = import(&bytes).unwrap().complete(&given).unwrap_err();
+        assert_eq!(error.to_string(), "--action-scale: the file has its own; leave the option out");
+    }
+}
+
+/// The shipped actor as another program would save it.
+fn foreign(prefix: &str, dtype: Dtype, change: impl Fn(&str, &mut Vec<f64>)) -> Vec<u8> {
+    let layers = Frozen::from(&shipped()).layers();
+    let mut tensors = Vec::new();
+    for (i, layer) in layers.iter().enumerate() {
+        let outputs = layer.bias.len();
+        for (kind, figures, shape) in [
+            ("weight", &layer.weights, vec![outputs, layer.inputs]),
+            ("bias", &layer.bias, vec![outputs]),
+        ] {
+            let name = format!("{prefix}{}.{kind}", 2 * i);
+            let mut figures = figures.iter().map(|&x| f64::from(x)).collect();
+            change(&name, &mut figures);
+            let data: Vec<u8> = match dtype {
+                Dtype::F64 => figures.iter().flat_map(|x| x.to_le_bytes()).collect(),
+                Dtype::F32 => figures.iter().flat_map(|x| (*x as f32).to_le_bytes()).collect(),
+                _ => figures.iter().flat_map(|_| [0, 0]).collect(),
+            };
+            tensors.push((name, shape, data));
+        }
+    }
+    let views = tensors.iter().map(|(name, shape, data)| {
+        (name.as_str(), TensorView::new(dtype, shape.clone(), data).unwrap())
+    });
+    safetensors::serialize(views, None).unwrap()
+}
+
+#[test]
+fn a_state_dict_of_another_program_is_read() {
+    let own = Frozen::from(&shipped());
+    for (prefix, dtype) in [("", Dtype::F32), ("actor.mu.", Dtype::F64), ("pi.", Dtype::F32)] {
+        let draft = st::import(&foreign(prefix, dtype, |_, _| ()), None).unwrap();
+        let imported = draft.complete(&Given::default()).unwrap();
+        assert_eq!(imported.frozen.packed, own.packed);
+        // Spread over the leg's actions.
+        let action = imported.frozen.action;
+        assert_eq!((action.offset[1], action.scale[1]), (1.0, 1.0));
+        assert!((action.offset[0] + action.scale[0] - action.high[0]).abs() < 1e-6);
+        assert_eq!(imported.assumed.len(), 4, "{:?}", imported.assumed);
+        // Or scaled as the user says.
+        let given = Given {
+            observation_offset: Some(own.observation.offset),
+            observation_scale: Some(own.observation.scale),
+            action_offset: Some(own.action.offset),
+            action_scale: Some(own.action.scale),
+            action_low: Some(own.action.low),
+            action_high: Some(own.action.high),
+        };
+        let draft = st::import(&foreign(prefix, dtype, |_, _| ()), None).unwrap();
+        assert_eq!(draft.complete(&given).unwrap().frozen, own);
+    }
+}
+
+#[test]
+fn a_state_dict_that_cannot_fly_is_refused() {
+    let refused = |bytes: Vec<u8>| st::import(&bytes, None).unwrap_err().to_string();
+    let nan = foreign("", Dtype::F32, |name, figures| {
+        if name == "2.weight" {
+            figures[3] = f64::NAN;
+        }
+    });
+    assert_eq!(refused(nan), "\"2.weight\", figure 3: NaN, expected a finite number within f32");
+    let large = foreign("", Dtype::F64, |name, figures| {
+        if name == "4.bias" {
+            figures[1] = 1e39;
+        }
+    });
+    assert!(refused(large).starts_with("\"4.bias\", figure 1: inf, expected a finite"));
+    let half = foreign("", Dtype::F16, |_, _| ());
+    assert_eq!(refused(half), "\"0.weight\": dtype F16, expected F32 or F64");
+    assert!(refused(b"PK\x03\x04 a file of torch.save".to_vec()).starts_with("not a safetensors"));
+    let card = |json: &str| {
+        let metadata = HashMap::from([(KEY.to_owned(), json.to_owned())]);
+        let own = st::export(&shipped());
+        let tensors = SafeTensors::deserialize(&own).unwrap();
+        refused(safetensors::serialize(tensors.tensors(), Some(metadata)).unwrap())
+    };
+    assert!(card("{").starts_with("metadata leg_actor: EOF"), "{}", card("{"));
+    assert!(card(r#"{"name": "x"}"#).contains("missing field"), "{}", card(r#"{"name": "x"}"#));
+}
+
+#[test]
+fn damaged_files_are_refused_or_read_but_never_a_panic() {
+    let mut rng = Pcg64::seed_from_u64(5);
+    for (bytes, import) in imports() {
+        let check = |bytes: &[u8]| match import(bytes).map(|d| d.complete(&Given::default())) {
+            Ok(Ok(imported)) => {
+                let observation = controller::actor::Observation::default();
+                let action = imported.frozen.actor().act(observation);
+                assert!(action.touchdown_angle_rad.is_finite());
+                true
+            }
+            Ok(Err(_)) | Err(_) => false,
+        };
+        // Cut off: a weight is missing, or it is no file at all. (Protobuf does not
+        // say how long it is: what is lost at the end may not be missed.)
+        let cut: Vec<usize> = (0..200).chain((0..200).map(|i| bytes.len() * i / 200)).collect();
+        for length in cut {
+            assert!(!check(&bytes[..length.min(bytes.len() - 6000)]), "{length}");
+        }
+        let mut taken = 0;
+        for _ in 0..4000 {
+            let mut damaged = bytes.clone();
+            // Where the structure is, and where the weights are.
+            let within = if rng.random_bool(0.7) { 600 } else { damaged.len() };
+            for _ in 0..rng.random_range(1..4) {
+                let at = rng.random_range(0..within);
+                match rng.random_range(0..4) {
+                    0 => damaged[at] ^= 1 << rng.random_range(0..8),
+                    1 => damaged[at] = rng.random(),
+                    2 => damaged[at] = 0xff,
+                    _ => drop(damaged.drain(at..(at + 3).min(damaged.len()))),
+                }
+            }
+            taken += usize::from(check(&damaged));
+        }
+        // Both ways happened: a changed figure is still an actor.
+        assert!((1..4000).contains(&taken), "{taken}");
+    }
+}
+
+fn trainer(line: &str, directory: &Path) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_trainer"))
+        .args(line.split(' '))
+        .current_dir(directory)
+        .output()
+        .unwrap()
+}
+
+#[test]
+fn the_commands_there_and_back() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name);
+    let run = |line: &str| {
+        let output = trainer(line, directory.path());
+        let error = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{line}: {error}");
+        String::from_utf8(output.stdout).unwrap()
+    };
+    std::fs::write(path("p.bin"), SHIPPED).unwrap();
+    for format in ["safetensors", "onnx"] {
+        run(&format!("export --policy p.bin --to {format} a.{format}"));
+        let said = run(&format!("import --{format} a.{format} --out back.bin"));
+        assert!(said.contains("gains the policy's own"), "{said}");
+        assert_eq!(std::fs::read(path("back.bin")).unwrap(), SHIPPED);
+        run(&format!("import --{format} a.{format} --out back.bin --ki 0.1 --name other"));
+        let bytes = AlignedBytes::from(std::fs::read(path("back.bin")).unwrap().as_slice());
+        let policy = Policy::parse(bytes.as_slice()).unwrap();
+        assert_eq!((policy.manifest().name, policy.manifest().gains[0].ki), ("other", 0.1));
+        assert_eq!(policy.manifest().provenance, shipped().manifest().provenance);
+    }
+    run("export --to c actor.c");
+    std::fs::write(path("f.safetensors"), foreign("mu.", Dtype::F32, |_, _| ())).unwrap();
+    let said = run("import --safetensors f.safetensors --ki 0.05 --out f.bin \
+                    --observation-offset=-1,0,0 --action-low 0.5,0 --action-high 2,1");
+    assert!(said.contains("Taken for granted: ReLU between the layers"), "{said}");
+    for (line, said) in [
+        ("import --out p.bin", "--safetensors <FILE>|--onnx <FILE>|--json <FILE>"),
+        ("import --onnx a.onnx --json a.json --out p.bin", "cannot be used with"),
+        ("import --onnx a.safetensors --out q.bin", "a.safetensors: "),
+        ("import --safetensors a.onnx --out q.bin", "a.onnx: not a safetensors file"),
+        ("import --json a.onnx --out q.bin", "is not UTF-8"),
+        ("import --safetensors none --out q.bin", "none: No such file"),
+        ("import --onnx a.onnx --layers 0,2 --out q.bin", "cannot be used with"),
+        (
+            "import --safetensors f.safetensors --action-low 0.5 --out q.bin",
+            "1 figures, expected 2",
+        ),
+        (
+            "import --safetensors f.safetensors --action-low 0.5,x --out q.bin",
+            "'x' is not a finite",
+        ),
+        (
+            "import --safetensors f.safetensors --action-low 2.9,0 --out q.bin",
+            "lowest action[0]: 2.9",
+        ),
+        ("import --safetensors f.safetensors --action-low -1,0 --out q.bin", "clip of the angle"),
+        (
+            "import --safetensors f.safetensors --layers mu.0 --out q.bin",
+            "--layers: mu.0 (3 to 50)",
+        ),
+        ("import --safetensors f.safetensors --ki 1e9 --out q.bin", "gains within"),
+        ("export --policy f.safetensors --to c x.c", "is not a policy to run"),
+        ("export --policy p.bin --to torch x", "invalid value 'torch'"),
+    ] {
+        let output = trainer(line, directory.path());
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{line}: {error}");
+        assert!(error.contains(said), "{line}: {error}");
+    }
+    assert!(!path("q.bin").exists() && !path("x.c").exists());
+}
+
+/// What `trainer env` answers, and its exit status.
+fn env(input: &str) -> (String, String, Option<i32>) {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_trainer"))
+        .args(["env", "--seed", "3"])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    child.stdin.take().unwrap().write_all(input.as_bytes()).unwrap();
+    let output = child.wait_with_output().unwrap();
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    (text(output.stdout), text(output.stderr), output.status.code())
+}
+
+#[test]
+fn the_environment_answers_line_by_line() {
+    let upright = "step 1.57 0\n".repeat(3);
+    let (said, error, status) = env(&format!("reset\n{upright}reset\n"));
+    assert_eq!((error.as_str(), status), ("", Some(0)));
+    let lines: Vec<Vec<&str>> = said.lines().map(|l| l.split(' ').collect()).collect();
+    assert_eq!(lines.iter().map(Vec::len).collect::<Vec<_>>(), [3, 5, 5, 5, 3]);
+    assert!(lines[1..4].iter().all(|l| l[4] == "no" && l[2] == lines[0][2]), "{said}");
+    assert_eq!(env(&format!("reset\n{upright}reset\n")).0, said);
+    // A leg stretched far back catches nothing, and the episode is over.
+    let (said, error, status) = env(&format!("reset\n{}", "step 0 0\n".repeat(20)));
+    assert!(said.lines().last().unwrap().ends_with(" -0.5 fall"), "{said}");
+    assert!(error.contains("no episode under way; reset first"), "{error}");
+    assert_eq!(status, Some(2));
+    for (input, wanted) in [
+        ("jump\n", "line 1: 'jump' is neither reset nor step ALPHA RS"),
+        ("reset\nstep 1 x\n", "line 2: 'x' is not a finite number"),
+        ("reset\nstep NaN 0\n", "line 2: 'NaN' is not a finite number"),
+        ("step 1 1\n", "line 1: no episode under way"),
+    ] {
+        let (_, error, status) = env(input);
+        assert!(error.contains(wanted) && status == Some(2), "{error}");
+    }
+}

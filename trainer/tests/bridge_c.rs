@@ -1,0 +1,175 @@
+//! The exported C, compiled and run: the same bits as the controller's actor.
+//!
+//! Needs `gcc` on the path; without it these tests pass, and say on the standard
+//! error that they were skipped.
+
+use controller::actor::{Actor, Observation, ObservationScaling};
+use controller::policy::{Policy, SHIPPED};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use std::io::Write;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use trainer::bridge::c;
+use trainer::bridge::card::Card;
+use trainer::net::mlp::Layer;
+use trainer::policy::{Frozen, blob_of};
+
+/// Reads observations and writes actions, both as their bits.
+const DRIVER: &str = r"
+#include <stdio.h>
+void leg_actor(const float observation[3], float action[2]);
+int main(void)
+{
+    float observation[3], action[2];
+    while (fread(observation, sizeof observation, 1, stdin) == 1) {
+        leg_actor(observation, action);
+        if (fwrite(action, sizeof action, 1, stdout) != 1)
+            return 1;
+    }
+    return 0;
+}
+";
+
+fn has_gcc() -> bool {
+    let found = Command::new("gcc").arg("--version").stdout(Stdio::null()).status();
+    if found.is_ok_and(|status| status.success()) {
+        return true;
+    }
+    // Not by a macro, whose words the test harness keeps to itself.
+    let mut stderr = std::io::stderr();
+    writeln!(stderr, "SKIPPED: no gcc on the path to compile the exported C").unwrap();
+    false
+}
+
+fn gcc(folder: &Path, arguments: &[&str]) {
+    let strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"];
+    let output =
+        Command::new("gcc").args(strict).args(arguments).current_dir(folder).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+/// Within the trained range and far out of it: huge, tiny, subnormal, zeros of both
+/// signs, infinities and what is not a number.
+fn observations(rng: &mut Pcg64, count: usize) -> Vec<[f32; 3]> {
+    let special = [
+        0.0,
+        -0.0,
+        f32::from_bits(1),
+        -f32::from_bits(0x7f_ffff),
+        f32::MIN_POSITIVE,
+        1e-30,
+        -1e-10,
+        1e10,
+        -3e38,
+        f32::MAX,
+        f32::INFINITY,
+        f32::NEG_INFINITY,
+        f32::NAN,
+    ];
+    let mut one = |low: f32, high: f32| match rng.random_range(0..20) {
+        0 => special[rng.random_range(0..special.len())],
+        1 => f32::from_bits(rng.random()),
+        2 => rng.random_range(-300.0..300.0),
+        _ => rng.random_range(low..high),
+    };
+    (0..count).map(|_| [one(-11.0, 11.0), one(1.0, 12.5), one(0.0, 1.0)]).collect()
+}
+
+fn agree(policy: &Policy<'_>, count: usize, optimisation: &str) {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("leg_actor.c"), c::export(policy, &[])).unwrap();
+    std::fs::write(folder.path().join("driver.c"), DRIVER).unwrap();
+    gcc(folder.path(), &[optimisation, "leg_actor.c", "driver.c", "-o", "driver"]);
+    let observations = observations(&mut Pcg64::seed_from_u64(11), count);
+    std::fs::write(folder.path().join("in"), bytemuck::cast_slice::<_, u8>(&observations)).unwrap();
+    let output = Command::new(folder.path().join("driver"))
+        .stdin(std::fs::File::open(folder.path().join("in")).unwrap())
+        .output()
+        .unwrap();
+    assert!(output.status.success());
+    let (actions, _) = output.stdout.as_chunks::<8>();
+    assert_eq!(actions.len(), count);
+    for (observation, action) in observations.iter().zip(actions) {
+        let [vx, y, rho] = *observation;
+        let own = act(policy.actor(), [vx, y, rho]).map(f32::to_le_bytes);
+        assert_eq!(*action, *own.as_flattened(), "{observation:?}");
+    }
+}
+
+fn act(actor: &Actor<'_>, [vx, y, rho]: [f32; 3]) -> [f32; 2] {
+    let action = actor.act(Observation { apex_vx_m_s: vx, apex_y_m: y, density_ratio: rho });
+    [action.touchdown_angle_rad, action.elongation_speed_m_s]
+}
+
+#[test]
+fn the_exported_c_gives_the_controllers_bits() {
+    if has_gcc() {
+        let policy = Policy::parse(SHIPPED).unwrap();
+        agree(&policy, 200_000, "-O2");
+        agree(&policy, 20_000, "-O0");
+    }
+}
+
+/// One layer that hands an observation's figures to tanh as they are, hardly clipped,
+/// so that every branch of tanh shows.
+#[test]
+fn the_translated_tanh_is_libms_on_every_branch() {
+    if !has_gcc() {
+        return;
+    }
+    let policy = Policy::parse(SHIPPED).unwrap();
+    let mut frozen = Frozen::from(&policy);
+    let weights = vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+    let layer = Layer { inputs: 3, weights, bias: vec![0.0; 2] };
+    frozen.action.scale = [1.0; 2];
+    frozen.action.offset = [0.0; 2];
+    (frozen.action.low, frozen.action.high) = ([0.0; 2], [1.0; 2]);
+    let frozen = Frozen::new(&[layer], ObservationScaling::IDENTITY, frozen.action).unwrap();
+    let blob = blob_of(&Card::from(&policy).manifest(&frozen), &frozen.packed).unwrap();
+    let policy = Policy::parse(blob.as_slice()).unwrap();
+    agree(&policy, 50_000, "-O2");
+    // Every exponent from subnormal to infinite, and 4,000 fractions of each.
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("leg_actor.c"), c::export(&policy, &[])).unwrap();
+    std::fs::write(folder.path().join("driver.c"), DRIVER).unwrap();
+    gcc(folder.path(), &["-O2", "leg_actor.c", "driver.c", "-o", "driver"]);
+    let observations: Vec<[f32; 3]> =
+        (0..u32::MAX).step_by(2087).map(f32::from_bits).map(|x| [x, -x, 0.0]).collect();
+    std::fs::write(folder.path().join("in"), bytemuck::cast_slice::<_, u8>(&observations)).unwrap();
+    let output = Command::new(folder.path().join("driver"))
+        .stdin(std::fs::File::open(folder.path().join("in")).unwrap())
+        .output()
+        .unwrap();
+    let (actions, _) = output.stdout.as_chunks::<8>();
+    assert_eq!(actions.len(), observations.len());
+    for (observation, action) in observations.iter().zip(actions) {
+        let own = act(policy.actor(), *observation).map(f32::to_le_bytes);
+        assert_eq!(*action, *own.as_flattened(), "{observation:?}");
+    }
+}
+
+#[test]
+fn the_self_test_passes_and_can_fail() {
+    if !has_gcc() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let run = Command::new(env!("CARGO_BIN_EXE_trainer"))
+        .args(["export", "--to", "c", "leg_actor.c"])
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    let status = || {
+        gcc(folder.path(), &["-O2", "-DLEG_ACTOR_SELF_TEST", "leg_actor.c", "-o", "self_test"]);
+        Command::new(folder.path().join("self_test")).status().unwrap().code()
+    };
+    assert_eq!(status(), Some(0));
+    // One bias is off by a little.
+    let path = folder.path().join("leg_actor.c");
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.replacen("float sum = bias[j];", "float sum = bias[j] + 1e-5f;", 1))
+        .unwrap();
+    assert_eq!(status(), Some(1));
+}
