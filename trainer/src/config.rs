@@ -49,6 +49,9 @@ pub struct Network {
     pub initial_weights: InitialWeights,
     /// Multiplies the initial weights of the actor's last layer.
     pub actor_last_layer: f32,
+    /// Whether the actor is held mirror-symmetric: vx reversed, touchdown angle
+    /// reversed. It then hops on the spot at exactly no speed.
+    pub symmetric_actor: bool,
     /// Network input = (observation - offset) * scale.
     pub observation_offset: [f32; 3],
     /// See [`Self::observation_offset`].
@@ -182,6 +185,15 @@ pub struct Episode {
     pub low_share: f64,
     /// Share of starts uniform in vx within 11 m/s and y from 1 to 12.5 m.
     pub uniform_share: f64,
+    /// Share of episodes in thin media that begin where one before fell.
+    pub retry_share: f64,
+    /// Share of led episodes (see [`crate::environment`]) from each of the density
+    /// ratios of `led_from` up.
+    pub led_share: [f64; 2],
+    /// See `led_share`; ascending.
+    pub led_from: [f64; 2],
+    /// Speed by which the leg is led at a full pull, m/s.
+    pub lead_m_s: f64,
     /// Accuracy of the plant.
     pub tolerance: Tolerance,
 }
@@ -257,6 +269,10 @@ pub struct Selection {
     /// Evaluations spread evenly over the last stage, the best of which is kept;
     /// with 0, the last actor is. Needs a last stage counted in steps.
     pub evaluations: u64,
-    /// Starts for each density of an evaluation, drawn for the selection alone.
+    /// Starts in a vacuum in an evaluation, drawn for the selection alone; a quarter of
+    /// them below a density ratio of 0.2, a sixteenth above, where falls are rare.
     pub starts: usize,
+    /// Cost of a set-point that is not tracked, where a fall of all starts at one
+    /// density costs 1.
+    pub tracking: f64,
 }

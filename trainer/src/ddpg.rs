@@ -19,6 +19,11 @@ const ACTOR_PADDED: usize = 56;
 /// Samples that one observation is padded to when acting.
 const ONE: usize = 8;
 
+/// What changes sign in the mirror: of the observations, the velocity; of the actions,
+/// the touchdown angle from the vertical.
+const ODD_OBSERVATIONS: [bool; 3] = [true, false, false];
+const ODD_ACTIONS: [bool; 2] = [true, false];
+
 type Actor = Mlp<3, ACTOR_HIDDEN, 0, 2, ACTOR_PADDED>;
 type ActorPass<const B: usize> = Pass<3, ACTOR_HIDDEN, 0, 2, ACTOR_PADDED, B>;
 
@@ -82,6 +87,7 @@ pub trait Agent: Send {
 pub struct Ddpg<const X: usize, const H: usize, const E: usize, const P: usize, const B: usize> {
     isa: Isa,
     output: UnitOutput,
+    symmetric_actor: bool,
     actor: Actor,
     actor_target: Actor,
     actor_average: Actor,
@@ -117,6 +123,7 @@ impl<const X: usize, const H: usize, const E: usize, const P: usize, const B: us
         Self {
             isa,
             output,
+            symmetric_actor: false,
             actor_target: actor.clone(),
             actor_average: actor.clone(),
             actor,
@@ -132,6 +139,16 @@ impl<const X: usize, const H: usize, const E: usize, const P: usize, const B: us
             actor_one: Pass::new(0),
             critic_one: Pass::new(0),
         }
+    }
+
+    /// With an actor that is, and stays, the same in the mirror.
+    #[must_use]
+    pub fn with_symmetric_actor(mut self) -> Self {
+        self.symmetric_actor = true;
+        self.actor.symmetrise(ODD_OBSERVATIONS, ODD_ACTIONS);
+        self.actor_target = self.actor.clone();
+        self.actor_average = self.actor.clone();
+        self
     }
 
     /// The actor's outputs of the pass as actions, into the critic's pass.
@@ -232,6 +249,9 @@ impl<const X: usize, const H: usize, const E: usize, const P: usize, const B: us
         self.critic.back_to_inputs(simd, &mut self.critic_pass);
         self.action_slopes(simd);
         self.actor.gradient(simd, &mut self.actor_pass, &mut self.actor_gradient);
+        if self.symmetric_actor {
+            self.actor_gradient.symmetrise(ODD_OBSERVATIONS, ODD_ACTIONS);
+        }
         step.learning_rate = rates.actor_learning_rate;
         let actor_gradient_norm = self.actor_adam.step(
             simd,

@@ -1,8 +1,16 @@
 //! Learning to stop: starts, steps and rewards.
+//!
+//! In *led* episodes the environment does to the actor what the cascade will do: it
+//! shows a velocity that is off by an offset u, and rewards stopping relative to a
+//! wanted speed w. Pull s, drawn uniformly from 0.3 to 1.2, and a direction give
+//! w = s / rho m/s, about what drag lets a leg reach at s = 1, and u = w + lead s.
+//! The stronger the pull, the more velocity the leg seems to lack. No height is asked
+//! for there, only not to fall: the fastest gaits are the lowest.
 
 use crate::config::{Config, Episode, MediumDraw, Reward};
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
+use serde::{Deserialize, Serialize};
 use sim_host::plant::{Action, Apex, Hopper, Leg, Medium};
 
 /// An apex below this is no hop any more, m.
@@ -76,12 +84,54 @@ impl Reward {
     }
 }
 
+/// Where an episode begins.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Start {
+    /// The first apex.
+    pub apex: Apex,
+    /// Density ratio of the whole episode.
+    pub density_ratio: f64,
+}
+
+impl Start {
+    /// The start of the episode with this number.
+    pub fn draw(config: &Config, medium: &MediumDraw, episode: u64, rng: &mut impl Rng) -> Self {
+        let density_ratio = medium.density_ratio(episode, rng);
+        Self { apex: config.episode.start(rng), density_ratio }
+    }
+}
+
+/// How a led episode looks to the actor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Lead {
+    /// Taken from the velocity that is shown, m/s.
+    offset_m_s: f64,
+    /// The speed that is rewarded, m/s.
+    wanted_m_s: f64,
+}
+
+impl Episode {
+    /// How an episode is led, if it is.
+    fn lead(&self, density_ratio: f64, rng: &mut impl Rng) -> Option<Lead> {
+        let levels = self.led_from.iter().zip(self.led_share).rev();
+        let share = levels.into_iter().find(|(from, _)| density_ratio >= **from)?.1;
+        if share == 0.0 || rng.random::<f64>() >= share {
+            return None;
+        }
+        let pull: f64 = rng.random_range(0.3..1.2);
+        let direction = if rng.random() { 1.0 } else { -1.0 };
+        let wanted_m_s = direction * pull / density_ratio;
+        Some(Lead { offset_m_s: wanted_m_s + direction * pull * self.lead_m_s, wanted_m_s })
+    }
+}
+
 /// An episode under way.
 #[derive(Clone, Debug)]
 pub struct Environment<'a> {
     config: &'a Config,
     hopper: Hopper,
-    density_ratio: f64,
+    start: Start,
+    lead: Option<Lead>,
     apex: Apex,
 }
 
@@ -98,35 +148,46 @@ impl<'a> Environment<'a> {
     /// A new episode.
     ///
     /// # Panics
-    /// Never: the densities drawn are valid.
-    pub fn begin(
-        config: &'a Config,
-        medium: &MediumDraw,
-        episode: u64,
-        rng: &mut impl Rng,
-    ) -> Self {
-        let density_ratio = medium.density_ratio(episode, rng);
-        let medium = Medium::AIR.with_density_ratio(density_ratio).expect("densities from 0 to 1");
+    /// If the start's density ratio is not one; those that are drawn are.
+    #[must_use]
+    pub fn new(config: &'a Config, start: Start) -> Self {
+        let medium = Medium::AIR.with_density_ratio(start.density_ratio).expect("a density ratio");
         let tolerance = config.episode.tolerance.plant();
-        Self {
-            config,
-            hopper: Hopper::new(&Leg::human(), medium).with_tolerance(tolerance),
-            density_ratio,
-            apex: config.episode.start(rng),
-        }
+        let hopper = Hopper::new(&Leg::human(), medium).with_tolerance(tolerance);
+        Self { config, hopper, start, lead: None, apex: start.apex }
+    }
+
+    /// Led, if chance and the configuration will have it.
+    #[must_use]
+    pub fn perhaps_led(self, rng: &mut impl Rng) -> Self {
+        Self { lead: self.config.episode.lead(self.start.density_ratio, rng), ..self }
+    }
+
+    /// Where it began.
+    #[must_use]
+    pub fn start(&self) -> Start {
+        self.start
+    }
+
+    /// Whether it is led.
+    #[must_use]
+    pub fn is_led(&self) -> bool {
+        self.lead.is_some()
     }
 
     /// The episode's density ratio.
     #[must_use]
     pub fn density_ratio(&self) -> f64 {
-        self.density_ratio
+        self.start.density_ratio
     }
 
     /// The scaled observation, as the networks see it.
     #[must_use]
     pub fn observation(&self) -> [f32; 3] {
         let network = &self.config.network;
-        let seen = [self.apex.vx_m_s, self.apex.y_m, self.density_ratio].map(|x| x as f32);
+        let offset_m_s = self.lead.map_or(0.0, |lead| lead.offset_m_s);
+        let seen = [self.apex.vx_m_s - offset_m_s, self.apex.y_m, self.start.density_ratio];
+        let seen = seen.map(|x| x as f32);
         [0, 1, 2].map(|i| (seen[i] - network.observation_offset[i]) * network.observation_scale[i])
     }
 
@@ -149,7 +210,14 @@ impl<'a> Environment<'a> {
             .map(|i| action[i].clamp(f64::from(n.action_low[i]), f64::from(n.action_high[i])));
         let action = Action { alpha_rad, rs_m_s };
         let next = self.hopper.hop(self.apex, action).outcome.next();
-        let reward = self.config.reward.of(action, next, self.density_ratio);
+        let reward = match self.lead {
+            None => self.config.reward.of(action, next, self.start.density_ratio),
+            Some(Lead { wanted_m_s, .. }) => {
+                let relative = |apex: Apex| Apex { vx_m_s: apex.vx_m_s - wanted_m_s, ..apex };
+                let any_height = Reward { height: 0.0, ..self.config.reward.clone() };
+                any_height.of(action, next.map(relative), self.start.density_ratio)
+            }
+        };
         let standing = next.filter(|apex| apex.y_m >= LOWEST_APEX_M);
         // What follows an end is never bootstrapped from; keep it finite all the same.
         self.apex = next.unwrap_or(Apex { vx_m_s: 0.0, y_m: 0.0 });
@@ -159,7 +227,7 @@ impl<'a> Environment<'a> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Environment, draw_start};
+    use super::{Environment, Start, draw_start};
     use crate::config::MediumDraw;
     use crate::preset::Preset;
     use rand::SeedableRng;
@@ -212,12 +280,42 @@ mod tests {
     fn an_episode_hops_until_it_ends() {
         let config = Preset::Robust.config();
         let mut rng = Pcg64::seed_from_u64(1);
-        let mut environment = Environment::begin(&config, &MediumDraw::Water, 0, &mut rng);
+        let start = Start::draw(&config, &MediumDraw::Water, 0, &mut rng);
+        let mut environment = Environment::new(&config, start);
         assert!(environment.observation().iter().all(|x| x.is_finite()));
         let outcome = environment.step([-1.0, 0.0]);
         assert!(outcome.reward.is_finite());
         // A leg stretched far back catches nothing.
         let ended = (0..50).any(|_| environment.step([-1.0, -1.0]).ended);
         assert!(ended);
+    }
+
+    #[test]
+    fn a_led_episode_shows_too_little_velocity_and_rewards_the_wanted_speed() {
+        let config = Preset::Robust.config();
+        let mut rng = Pcg64::seed_from_u64(1);
+        let apex = Apex { vx_m_s: 0.5, y_m: 1.5 };
+        let mut led = 0;
+        for _ in 0..1000 {
+            let start = Start { apex, density_ratio: 0.9 };
+            let plain = Environment::new(&config, start);
+            let mut environment = plain.clone().perhaps_led(&mut rng);
+            let Some(lead) = environment.lead else { continue };
+            led += 1;
+            let pull = lead.wanted_m_s.abs() * 0.9;
+            assert!((0.3..1.2).contains(&pull), "{pull}");
+            let ahead = lead.offset_m_s - lead.wanted_m_s;
+            assert!((ahead - lead.wanted_m_s.signum() * 3.0 * pull).abs() < 1e-12);
+            let shown = environment.observation()[0] / config.network.observation_scale[0];
+            assert!((f64::from(shown) - (0.5 - lead.offset_m_s)).abs() < 1e-5);
+            let outcome = environment.act([1.5, 1.0]);
+            let missing = (environment.apex().vx_m_s - lead.wanted_m_s).abs();
+            let stopping = (1.0 + 1.0 / missing).log10().min(2.0);
+            assert!((outcome.reward - stopping).abs() < 1e-6, "{outcome:?} {stopping}");
+        }
+        assert!((430..570).contains(&led), "{led}");
+        let thin = Start { apex, density_ratio: 0.6 };
+        let any = (0..100).any(|_| Environment::new(&config, thin).perhaps_led(&mut rng).is_led());
+        assert!(!any);
     }
 }

@@ -17,6 +17,7 @@ pub mod net;
 pub mod policy;
 pub mod preset;
 pub mod replay;
+pub mod retry;
 pub mod run;
 pub mod simd;
 pub mod study;

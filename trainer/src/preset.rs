@@ -57,6 +57,7 @@ fn paper(name: &str, max_steps: u32, stages: Vec<Stage>) -> Config {
             critic: Critic::ActionAtSecondLayer,
             initial_weights: InitialWeights::Glorot,
             actor_last_layer: 1.0,
+            symmetric_actor: false,
             observation_offset: [0.0; 3],
             observation_scale: [1.0; 3],
             action_offset: [0.0; 2],
@@ -106,10 +107,14 @@ fn paper(name: &str, max_steps: u32, stages: Vec<Stage>) -> Config {
             spread: 3.0,
             low_share: 0.0,
             uniform_share: 0.0,
+            retry_share: 0.0,
+            led_share: [0.0; 2],
+            led_from: [0.65, 0.85],
+            lead_m_s: 0.0,
             tolerance: Tolerance::Training,
         },
         stages,
-        selection: Selection { evaluations: 0, starts: 0 },
+        selection: Selection { evaluations: 0, starts: 0, tracking: 0.0 },
         // The published code: integral only.
         gains: vec![GainPoint {
             density_ratio: 0.0,
@@ -128,6 +133,9 @@ fn robust() -> Config {
         critic: Critic::Joint100,
         initial_weights: InitialWeights::FanIn,
         actor_last_layer: 0.1,
+        // The mirror image of a hop is a hop: with the symmetry built in, to stop means
+        // to stop dead, and forwards is learnt with backwards.
+        symmetric_actor: true,
         observation_offset: [0.0, 2.5, 0.5],
         observation_scale: [1.0 / 3.0, 0.4, 2.0],
         action_offset: [FRAC_PI_2, 1.0],
@@ -163,11 +171,16 @@ fn robust() -> Config {
     config.episode.spread = 3.3;
     config.episode.low_share = 0.15;
     config.episode.uniform_share = 0.1;
+    // On land nearly all starts are soon mastered; what falls is worth another try.
+    config.episode.retry_share = 0.5;
+    // Thick water asks for all that the leg has: to reach 1 m/s it must be led.
+    config.episode.led_share = [0.25, 0.5];
+    config.episode.lead_m_s = 3.0;
     config.stages = vec![Stage {
-        medium: MediumDraw::Mixed { air: 0.2, thin: 0.15, thin_to: 0.1, water: 0.1 },
-        length: Length::Steps(300_000),
+        medium: MediumDraw::Mixed { air: 0.3, thin: 0.2, thin_to: 0.1, water: 0.1 },
+        length: Length::Steps(400_000),
     }];
-    config.selection = Selection { evaluations: 24, starts: 500 };
+    config.selection = Selection { evaluations: 60, starts: 4000, tracking: 1e-3 };
     config.gains.clear();
     config
 }

@@ -4,16 +4,17 @@ mod state;
 
 pub use state::{TrainingState, Unfit};
 
-use crate::config::{Config, Critic, InitialWeights, Length};
+use crate::config::{Config, Critic, InitialWeights, Length, Network};
 use crate::ddpg::{
-    ACTOR_HIDDEN, Agent, JointDdpg50, JointDdpg100, PaperDdpg, Rates, UnitOutput, Update,
+    ACTOR_HIDDEN, Agent, Ddpg, JointDdpg50, JointDdpg100, PaperDdpg, Rates, UnitOutput, Update,
 };
-use crate::environment::Environment;
+use crate::environment::{Environment, Start};
 use crate::evaluate::selection::{Selector, Standing};
 use crate::explore::Noise;
 use crate::net::mlp::Layer;
 use crate::policy::Frozen;
 use crate::replay::{Replay, Transition};
+use crate::retry::Fallen;
 use crate::simd::Isa;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -87,6 +88,7 @@ pub struct Training {
     agent: Box<dyn Agent>,
     replay: Replay,
     noise: Noise,
+    fallen: Fallen,
     environment_rng: Pcg64,
     noise_rng: Pcg64,
     batch_rng: Pcg64,
@@ -115,6 +117,7 @@ impl Training {
             selector,
             replay: Replay::new(config.learning.replay_capacity),
             noise: Noise::new(&config.exploration),
+            fallen: Fallen::default(),
             environment_rng: Pcg64::from_rng(&mut root),
             noise_rng: Pcg64::from_rng(&mut root),
             batch_rng: Pcg64::from_rng(&mut root),
@@ -222,6 +225,7 @@ impl Training {
             self.episodes = 0;
             self.replay = Replay::new(self.config.learning.replay_capacity);
             self.noise = Noise::new(&self.config.exploration);
+            self.fallen = Fallen::default();
         }
         Ok(Some(record))
     }
@@ -236,7 +240,9 @@ impl Training {
         let config = &self.config;
         let stage = &config.stages[self.stage];
         let rng = &mut self.environment_rng;
-        let mut environment = Environment::begin(config, &stage.medium, self.episodes, rng);
+        let mut start = Start::draw(config, &stage.medium, self.episodes, rng);
+        self.fallen.retry(config.episode.retry_share, &mut start, rng);
+        let mut environment = Environment::new(config, start).perhaps_led(rng);
         self.noise.begin(&mut self.noise_rng);
         self.total_episodes += 1;
         let start = environment.observation();
@@ -300,6 +306,10 @@ impl Training {
                 }
             }
             if outcome.ended {
+                // Of random actions a fall says nothing; nor of a leg that was led.
+                if self.steps > learning.random_steps && !environment.is_led() {
+                    self.fallen.push(environment.start());
+                }
                 break;
             }
         }
@@ -381,16 +391,23 @@ pub fn agent(config: &Config, isa: Isa, rng: &mut impl Rng) -> Box<dyn Agent> {
     };
     match (n.critic, config.learning.batch) {
         (Critic::ActionAtSecondLayer, 32) => {
-            Box::new(PaperDdpg::<32>::new(isa, output, &actor, &critic))
+            ready(n, PaperDdpg::<32>::new(isa, output, &actor, &critic))
         }
         (Critic::ActionAtSecondLayer, _) => {
-            Box::new(PaperDdpg::<64>::new(isa, output, &actor, &critic))
+            ready(n, PaperDdpg::<64>::new(isa, output, &actor, &critic))
         }
-        (Critic::Joint50, 32) => Box::new(JointDdpg50::<32>::new(isa, output, &actor, &critic)),
-        (Critic::Joint50, _) => Box::new(JointDdpg50::<64>::new(isa, output, &actor, &critic)),
-        (Critic::Joint100, 32) => Box::new(JointDdpg100::<32>::new(isa, output, &actor, &critic)),
-        (Critic::Joint100, _) => Box::new(JointDdpg100::<64>::new(isa, output, &actor, &critic)),
+        (Critic::Joint50, 32) => ready(n, JointDdpg50::<32>::new(isa, output, &actor, &critic)),
+        (Critic::Joint50, _) => ready(n, JointDdpg50::<64>::new(isa, output, &actor, &critic)),
+        (Critic::Joint100, 32) => ready(n, JointDdpg100::<32>::new(isa, output, &actor, &critic)),
+        (Critic::Joint100, _) => ready(n, JointDdpg100::<64>::new(isa, output, &actor, &critic)),
     }
+}
+
+fn ready<const X: usize, const H: usize, const E: usize, const P: usize, const B: usize>(
+    network: &Network,
+    ddpg: Ddpg<X, H, E, P, B>,
+) -> Box<dyn Agent> {
+    Box::new(if network.symmetric_actor { ddpg.with_symmetric_actor() } else { ddpg })
 }
 
 fn initial(kind: InitialWeights, inputs: usize, outputs: usize, rng: &mut impl Rng) -> Layer {

@@ -260,7 +260,7 @@ fn the_commands_there_and_back() {
 /// What `trainer env` answers, and its exit status.
 fn env(input: &str) -> (String, String, Option<i32>) {
     let mut child = Command::new(env!("CARGO_BIN_EXE_trainer"))
-        .args(["env", "--seed", "3"])
+        .args(["env", "--preset", "water", "--seed", "3"])
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
@@ -283,7 +283,7 @@ fn the_environment_answers_line_by_line() {
     assert_eq!(env(&format!("reset\n{upright}reset\n")).0, said);
     // A leg stretched far back catches nothing, and the episode is over.
     let (said, error, status) = env(&format!("reset\n{}", "step 0 0\n".repeat(20)));
-    assert!(said.lines().last().unwrap().ends_with(" -0.5 fall"), "{said}");
+    assert!(said.lines().last().unwrap().ends_with(" 0 fall"), "{said}");
     assert!(error.contains("no episode under way; reset first"), "{error}");
     assert_eq!(status, Some(2));
     for (input, wanted) in [

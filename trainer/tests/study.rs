@@ -153,7 +153,8 @@ fn what_cannot_be_studied_is_named_with_status_2() {
     run(&format!("{short} --seeds 0..1 --out s"), at);
     fs::create_dir(at.join("empty")).unwrap();
     for (line, said) in [
-        ("study", "--preset"),
+        ("study", "--seeds"),
+        ("study --seeds 0..4 --out n", "give --preset NAME or --config FILE"),
         ("study --preset air --seeds 0..0 --out n", "0..0 holds no seed"),
         ("study --preset air --seeds 4 --out n", "'4' is not FIRST..END"),
         ("study --preset air --seeds 0..4 --out n --jobs 0", "--jobs"),

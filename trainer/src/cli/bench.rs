@@ -3,7 +3,7 @@
 use super::output::print;
 use super::{Failure, IsaArgument, failed};
 use crate::config::Length;
-use crate::environment::Environment;
+use crate::environment::{Environment, Start};
 use crate::evaluate::survival::quantile;
 use crate::preset::Preset;
 use crate::simd::Isa;
@@ -110,14 +110,14 @@ fn environment_steps() -> Quantiles {
     let config = Preset::Robust.config();
     let mut rng = Pcg64::seed_from_u64(1);
     let medium = &config.stages[0].medium;
-    let mut environment = Environment::begin(&config, medium, 0, &mut rng);
+    let mut environment = Environment::new(&config, Start::draw(&config, medium, 0, &mut rng));
     let mut sum = 0.0;
     let quantiles = timed(|| {
         sum += environment.observation()[0];
         let outcome = environment.step([rng.random_range(-0.2..0.2), rng.random_range(-1.0..1.0)]);
         sum += outcome.reward as f32;
         if outcome.ended {
-            environment = Environment::begin(&config, medium, 0, &mut rng);
+            environment = Environment::new(&config, Start::draw(&config, medium, 0, &mut rng));
         }
     });
     std::hint::black_box(sum);

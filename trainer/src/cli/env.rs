@@ -1,7 +1,7 @@
 //! `trainer env`
 
 use super::{Failure, failed, input};
-use crate::environment::Environment;
+use crate::environment::{Environment, Start};
 use crate::preset::Preset;
 use anyhow::anyhow;
 use clap::Args;
@@ -45,7 +45,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let words: Vec<&str> = line.split_whitespace().collect();
         let answer = match words[..] {
             ["reset"] => {
-                let environment = Environment::begin(&config, &medium, episode, &mut rng);
+                let start = Start::draw(&config, &medium, episode, &mut rng);
+                let environment = Environment::new(&config, start);
                 episode += 1;
                 let answer = apex(&environment);
                 underway = Some((environment, 0));

@@ -1,10 +1,10 @@
 //! `trainer study`
 
+use super::config::Choice;
 use super::eval::{MOST_STARTS, SEED};
 use super::output::print;
 use super::{Failure, failed, input};
 use crate::config::{Config, Length};
-use crate::preset::Preset;
 use crate::study::folder::{Folder, SeedReport};
 use crate::study::plan::{Plan, Seeds};
 use crate::study::run::Jobs;
@@ -30,6 +30,9 @@ const MOST_JOBS: i64 = 1024;
 pub(super) struct Arguments {
     #[command(subcommand)]
     command: Option<Command>,
+    // Not within `Study`: an optional group cannot hold another.
+    #[command(flatten)]
+    choice: Choice,
     #[command(flatten)]
     study: Option<Study>,
 }
@@ -52,9 +55,6 @@ struct Merge {
 
 #[derive(Debug, Args)]
 struct Study {
-    /// What to train
-    #[arg(long)]
-    preset: Preset,
     /// Seeds, from the first to before the end, such as 0..20
     #[arg(long)]
     seeds: Seeds,
@@ -68,7 +68,7 @@ struct Study {
     /// Slurm job array, auto/N from an indexed job of Kubernetes with N completions
     #[arg(long, value_name = "I/N|auto|auto/N")]
     shard: Option<Request>,
-    /// Length of the last stage in environment steps, instead of the preset's
+    /// Length of the last stage in environment steps, instead of the configuration's
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     steps: Option<u64>,
     /// Starts at each density and in each condition of an evaluation
@@ -81,12 +81,13 @@ struct Study {
 }
 
 impl Study {
-    fn config(&self) -> Result<Config, Failure> {
-        let mut config = self.preset.config();
+    fn config(&self, choice: &Choice) -> Result<Config, Failure> {
+        let mut config = choice.config(None)?;
         if let (Some(n), Some(last)) = (self.steps, config.stages.last_mut()) {
             last.length = Length::Steps(n);
         }
-        config.check().context("--preset").map_err(input)?;
+        let options = choice.options();
+        config.check().map_err(|e| input(anyhow!("{options}: {e}")))?;
         Ok(config)
     }
 
@@ -98,9 +99,9 @@ impl Study {
         request.resolve(variable).context("--shard").map_err(input)
     }
 
-    fn run(&self) -> Result<(), Failure> {
+    fn run(&self, choice: &Choice) -> Result<(), Failure> {
         let shard = self.shard()?;
-        let plan = Plan::new(self.config()?, self.seeds, self.eval_starts, SEED);
+        let plan = Plan::new(self.config(choice)?, self.seeds, self.eval_starts, SEED);
         let folder = Folder::begin(&self.out, plan).map_err(refused)?;
         let mut missing = Vec::new();
         for seed in shard.of(self.seeds) {
@@ -216,8 +217,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
             let (reports, _) = merged.folder.reports().map_err(refused)?;
             summarise(&merged.folder, reports)
         }
-        (None, Some(study)) => study.run(),
-        (None, None) => Err(input(anyhow!("--preset, --seeds and --out are needed"))),
+        (None, Some(study)) => study.run(&arguments.choice),
+        (None, None) => Err(input(anyhow!("--preset (or --config), --seeds and --out are needed"))),
     }
 }
 

@@ -79,6 +79,13 @@ impl Config {
                 "low to high",
             ),
             (
+                !n.symmetric_actor
+                    || (n.observation_offset[0], n.action_offset[0]) == (0.0, PI / 2.0),
+                "network.symmetric_actor",
+                n.symmetric_actor.to_string(),
+                "false, unless observation_offset[0] is 0 and action_offset[0] is pi/2, upright",
+            ),
+            (
                 reachable(0) && reachable(1),
                 "network.output_bound",
                 n.output_bound.to_string(),
@@ -102,6 +109,12 @@ impl Config {
                 "episode.low_share + episode.uniform_share",
                 starts.to_string(),
                 "at most 1",
+            ),
+            (
+                0.0 < e.led_from[0] && e.led_from[0] <= e.led_from[1],
+                "episode.led_from",
+                format!("[{}, {}]", e.led_from[0], e.led_from[1]),
+                "above 0 (the wanted speed is in proportion to 1 / density ratio), and ascending",
             ),
             (
                 media <= 1.0 + 1e-9,

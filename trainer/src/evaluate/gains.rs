@@ -1,6 +1,7 @@
 //! The cascade's gains for an actor: a search at each density.
 
-use super::tracking::{SET_POINTS, highest_speed, track};
+use super::crossing::smoothed;
+use super::tracking::{SET_POINTS, highest_speed, possible, track};
 use super::{DENSITIES, hop, hopper};
 use controller::actor::Actor;
 use controller::policy::{GainPoint, GainSchedule};
@@ -10,19 +11,30 @@ use sim_host::plant::Apex;
 
 /// What is tried, each with each. The paper's code integrates; its text names
 /// derivative and feed-forward. (A proportional term gained nothing beside them.)
-const KI: [f32; 5] = [0.05, 0.1, 0.2, 0.4, 0.7];
+pub(super) const KI: [f32; 5] = [0.05, 0.1, 0.2, 0.4, 0.7];
 const KD: [f32; 2] = [0.0, 0.3];
-const FEED_FORWARD: [f32; 4] = [0.0, 0.5, 1.0, 1.5];
+const FEED_FORWARD: [f32; 6] = [0.0, 0.5, 1.0, 1.5, 2.5, 4.0];
+/// What is then added to the best feed-forward: the nearer it comes to what a speed
+/// takes, the less is left for the integral to find out, and to carry into a medium
+/// where it is no longer so.
+const FINER: [f32; 10] = [-0.75, -0.5, -0.375, -0.25, -0.125, 0.125, 0.25, 0.375, 0.5, 0.75];
 const LIMIT_M_S: [f32; 5] = [1.0, 2.0, 4.0, 8.0, 16.0];
 /// Of the candidates that track the most, those this near to the fastest are
 /// held to be as fast, and the one that follows jumps best is taken.
-const AS_FAST: f64 = 0.95;
+const AS_FAST: f64 = 0.9;
 
 /// How gains do at one density.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Score {
+pub(super) struct Score {
     falls: usize,
     tracked: usize,
+}
+
+impl Score {
+    /// The higher, the better: first of all no falls.
+    pub(super) fn rank(self) -> (std::cmp::Reverse<usize>, usize) {
+        (std::cmp::Reverse(self.falls), self.tracked)
+    }
 }
 
 fn candidates(density_ratio: f32) -> impl Iterator<Item = GainPoint> {
@@ -42,28 +54,35 @@ fn candidates(density_ratio: f32) -> impl Iterator<Item = GainPoint> {
     })
 }
 
-fn schedule(gains: GainPoint) -> GainSchedule {
+pub(super) fn schedule(gains: GainPoint) -> GainSchedule {
     [gains].into_iter().collect()
 }
 
 /// The sum of errors, m/s, while the set-point jumps to and fro; `None` if the
-/// leg falls. Set-points that no gait reaches count too: they must do no harm.
-fn error_when_switched(actor: &Actor<'_>, gains: &GainSchedule, rho: f64) -> Option<f64> {
+/// leg falls. Set-points that no gait reaches count by what they leave behind.
+pub(super) fn error_when_switched(
+    actor: &Actor<'_>,
+    gains: &GainSchedule,
+    rho: f64,
+) -> Option<f64> {
     let hopper = hopper(rho);
     let mut cascade = Cascade::new(gains.clone());
     let mut apex = Apex { vx_m_s: 0.0, y_m: 2.0 };
     let mut sum = 0.0;
     for set_point in [0.5, 1.0, -2.0, 0.5, 2.0, -1.0, 1.0, 0.0] {
+        let counts = possible(rho, f64::from(set_point));
         for _ in 0..25 {
             let u = cascade.update(set_point, apex.vx_m_s as f32, rho as f32);
             apex = hop(actor, &hopper, rho, apex, u)?;
-            sum += (apex.vx_m_s - f64::from(set_point)).abs();
+            if counts {
+                sum += (apex.vx_m_s - f64::from(set_point)).abs();
+            }
         }
     }
     Some(sum)
 }
 
-fn score(actor: &Actor<'_>, gains: GainPoint, rho: f64) -> Score {
+pub(super) fn score(actor: &Actor<'_>, gains: GainPoint, rho: f64) -> Score {
     let schedule = schedule(gains);
     let runs = SET_POINTS.map(|v| track(actor, &schedule, rho, v));
     Score {
@@ -73,33 +92,59 @@ fn score(actor: &Actor<'_>, gains: GainPoint, rho: f64) -> Score {
     }
 }
 
+/// Gains with all that they are ranked by.
+#[derive(Clone, Copy, Debug)]
+struct Ranked {
+    gains: GainPoint,
+    score: Score,
+    error: f64,
+    speed: f64,
+}
+
+impl Ranked {
+    fn new(actor: &Actor<'_>, rho: f64, gains: GainPoint, score: Score) -> Self {
+        let schedule = schedule(gains);
+        Self {
+            gains,
+            score,
+            error: error_when_switched(actor, &schedule, rho).unwrap_or(f64::INFINITY),
+            speed: highest_speed(actor, &schedule, rho),
+        }
+    }
+}
+
 fn best_at(actor: &Actor<'_>, rho: f64) -> GainPoint {
-    let all: Vec<(GainPoint, Score)> = candidates(rho as f32)
-        .collect::<Vec<_>>()
+    let scored = |gains: GainPoint| (gains, score(actor, gains, rho));
+    let all: Vec<(GainPoint, Score)> =
+        candidates(rho as f32).collect::<Vec<_>>().into_par_iter().map(scored).collect();
+    let highest = all.iter().map(|(_, s)| s.rank()).max();
+    let equals: Vec<Ranked> = all
         .into_par_iter()
-        .map(|gains| (gains, score(actor, gains, rho)))
+        .filter(|(_, s)| Some(s.rank()) == highest)
+        .map(|(gains, score)| Ranked::new(actor, rho, gains, score))
         .collect();
-    let rank = |s: &Score| (std::cmp::Reverse(s.falls), s.tracked);
-    let highest = all.iter().map(|(_, s)| rank(s)).max();
-    let equals: Vec<(GainPoint, f64, f64)> = all
+    let fastest = equals.iter().map(|r| r.speed).fold(0.0, f64::max);
+    let fast_enough = |r: &Ranked| r.speed >= AS_FAST * fastest;
+    let steadier = |a: &Ranked, b: &Ranked| a.error.total_cmp(&b.error);
+    let coarse = equals.into_iter().filter(fast_enough).min_by(steadier);
+    let coarse = coarse.expect("one of the candidates is the fastest");
+    let finer: Vec<Ranked> = FINER
         .into_par_iter()
-        .filter(|(_, s)| Some(rank(s)) == highest)
-        .map(|(g, _)| {
-            let s = schedule(g);
-            let error = error_when_switched(actor, &s, rho).unwrap_or(f64::INFINITY);
-            (g, error, highest_speed(actor, &s, rho))
-        })
+        .map(|more| GainPoint { feed_forward: coarse.gains.feed_forward + more, ..coarse.gains })
+        .map(scored)
+        .filter(|(_, s)| s.rank() >= coarse.score.rank())
+        .map(|(gains, score)| Ranked::new(actor, rho, gains, score))
         .collect();
-    let fastest = equals.iter().map(|&(_, _, speed)| speed).fold(0.0, f64::max);
-    let fast = equals.iter().filter(|&&(_, _, speed)| speed >= AS_FAST * fastest);
-    let best = fast.min_by(|a, b| a.1.total_cmp(&b.1));
-    best.expect("one of the candidates is the fastest").0
+    let finer = finer.into_iter().filter(fast_enough);
+    finer.chain([coarse]).min_by(steadier).expect("at least the coarse one").gains
 }
 
 /// The best gains at every density: those with the fewest falls, of these the ones
 /// that track the most set-points, of these the fastest, of these the one that
-/// follows jumps of the set-point best.
+/// follows jumps of the set-point best, its feed-forward then made finer; and then
+/// all together for the way from one medium into another.
 #[must_use]
 pub fn search(actor: &Actor<'_>) -> Vec<GainPoint> {
-    DENSITIES.iter().map(|&rho| best_at(actor, rho)).collect()
+    let each = DENSITIES.iter().map(|&rho| best_at(actor, rho)).collect();
+    smoothed(actor, each, &DENSITIES)
 }

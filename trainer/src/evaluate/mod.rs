@@ -6,6 +6,7 @@
 
 pub mod compare;
 pub mod conditions;
+mod crossing;
 pub mod gains;
 pub mod goals;
 pub mod intervals;

@@ -42,6 +42,12 @@ const STEADY_GAIT_M_S: [(f64, f64); 8] = [
     (1.0, 1.0),
 ];
 
+/// Whether a steady gait of this speed is known to exist at a density of the table.
+#[must_use]
+pub fn possible(rho: f64, set_point: f64) -> bool {
+    STEADY_GAIT_M_S.iter().any(|&(known, limit)| known == rho && set_point.abs() <= limit)
+}
+
 /// One set-point at one density.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Tracking {
@@ -61,7 +67,7 @@ impl Tracking {
     /// Whether a steady gait of this speed is known to exist.
     #[must_use]
     pub fn possible(&self) -> bool {
-        STEADY_GAIT_M_S.iter().any(|&(rho, limit)| rho == self.rho && self.set_point.abs() <= limit)
+        possible(self.rho, self.set_point)
     }
 
     /// Whether mean and oscillation are within 2 % and 5 % of the set-point.

@@ -131,6 +131,14 @@ impl<const X: usize, const H: usize, const E: usize, const O: usize, const P: us
         &mut self.rows
     }
 
+    /// The rows of the three layers.
+    #[inline(always)]
+    pub(crate) fn layers_mut(&mut self) -> (&mut [Row<P>], &mut [Row<P>], &mut [Row<P>]) {
+        let (first, rest) = self.rows.split_at_mut(Self::SECOND);
+        let (second, third) = rest.split_at_mut(Self::THIRD - Self::SECOND);
+        (first, second, third)
+    }
+
     /// From `pass.inputs` to `pass.outputs`.
     #[inline(always)]
     pub(crate) fn forward<S: Simd, const B: usize>(

@@ -2,6 +2,7 @@
 //! hidden-to-hidden layer, its gradients, and Adam.
 
 pub mod adam;
+mod mirror;
 pub mod mlp;
 pub mod product;
 pub mod tanh;

@@ -5,6 +5,7 @@ use crate::ddpg::Memory;
 use crate::evaluate::selection::{Selector, SelectorState};
 use crate::explore::NoiseState;
 use crate::replay::{Replay, ReplayState};
+use crate::retry::Fallen;
 use crate::simd::Isa;
 use crate::{config::Config, explore::Noise};
 use rand_pcg::Pcg64;
@@ -16,6 +17,7 @@ pub struct TrainingState {
     agent: Memory,
     replay: ReplayState,
     noise: NoiseState,
+    fallen: Fallen,
     environment_rng: Pcg64,
     noise_rng: Pcg64,
     batch_rng: Pcg64,
@@ -41,6 +43,7 @@ impl Training {
             agent: self.agent.memory(),
             replay: self.replay.state(),
             noise: self.noise.state(),
+            fallen: self.fallen.clone(),
             environment_rng: self.environment_rng.clone(),
             noise_rng: self.noise_rng.clone(),
             batch_rng: self.batch_rng.clone(),
@@ -86,6 +89,7 @@ impl Training {
             .ok_or(Unfit("replay buffer"))?;
         training.noise = Noise::from_state(&config.exploration, state.noise);
         Ok(Self {
+            fallen: state.fallen,
             environment_rng: state.environment_rng,
             noise_rng: state.noise_rng,
             batch_rng: state.batch_rng,
