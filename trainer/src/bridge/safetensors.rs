@@ -1,7 +1,7 @@
 //! Safetensors: an actor as the state dict of a PyTorch `nn.Sequential`.
 //!
-//! An actor 3-50-50-2 is `0.weight` [50, 3], `0.bias` [50], `2.weight` [50, 50],
-//! `2.bias`, `4.weight` [2, 50], `4.bias`, all F32: what
+//! An actor 3-50-50-2 is `0.weight` (50, 3), `0.bias` (50), `2.weight` (50, 50),
+//! `2.bias`, `4.weight` (2, 50), `4.bias`, all F32: what
 //! `nn.Sequential(Linear, ReLU, Linear, ReLU, Linear, Tanh)` loads. The scalings, the
 //! gains and the rest are in the metadata, see [`super::card`].
 
