@@ -3,11 +3,11 @@
     python check.py --trainer target/release/trainer [--policy policy.bin]
 
 Exports the policy (by default the shipped one), runs it on 10,000 observations in each
-library, and compares with `trainer infer`. Ends with status 1 unless 99.9 % of the
-actions are within 1e-6 of their range and all within 3e-6: each library sums in an order
-of its own, in f32, and where sums are large and cancel that shows. (The controller's
-actor is itself up to 1.2e-6 from the same network in f64.) torch is checked where it is
-installed.
+library, and compares with `trainer infer`. Ends with status 1 unless of the actions for
+what a leg can meet 99.9 % are within 1e-6 of their range and all within 3e-6, and for
+observations up to a million times that all within 1e-4: each library sums in an order of
+its own, in f32, and where sums are large and cancel that shows, above all far out. torch
+is checked where it is installed.
 """
 
 import argparse
@@ -27,14 +27,17 @@ from safetensors import safe_open
 USUAL = 1e-6
 WORST = 3e-6
 SHARE_WITHIN_USUAL = 0.999
+WORST_FAR_OUT = 1e-4
+# Observations that no leg meets.
+FAR_OUT = 96
 
 
 def observations(count=10_000):
     """vx within 11 m/s, y from 1 to 12.5 m, rho from 0 to 1; their corners; and far out."""
     rng = np.random.default_rng(7)
-    inner = rng.uniform([-11, 1, 0], [11, 12.5, 1], (count - 108, 3))
+    inner = rng.uniform([-11, 1, 0], [11, 12.5, 1], (count - FAR_OUT - 12, 3))
     corners = np.array([[vx, y, rho] for vx in (-11, 0, 11) for y in (1, 12.5) for rho in (0, 1)])
-    far = rng.normal(size=(96, 3)) * 10.0 ** rng.integers(-6, 7, (96, 1))
+    far = rng.normal(size=(FAR_OUT, 3)) * 10.0 ** rng.integers(-6, 7, (FAR_OUT, 1))
     return np.concatenate([inner, corners, far]).astype(np.float32)
 
 
@@ -124,12 +127,13 @@ def main():
                 continue
             off = np.abs(found - rows[:, 3:]) / span
             off = np.where(np.isnan(off), np.inf, off)
+            off, far = off[:-FAR_OUT], off[-FAR_OUT:].max()
             usual = (off <= USUAL).mean()
             print(
-                f"{name:12}  {len(x)} observations: worst {off.max():.2e} of the range, "
-                f"mean {off.mean():.1e}, {usual:.3%} within {USUAL:g}"
+                f"{name:12}  {len(off)} observations: worst {off.max():.2e} of the range, "
+                f"mean {off.mean():.1e}, {usual:.3%} within {USUAL:g}; far out {far:.1e}"
             )
-            failed |= off.max() > WORST or usual < SHARE_WITHIN_USUAL
+            failed |= off.max() > WORST or usual < SHARE_WITHIN_USUAL or far > WORST_FAR_OUT
     if failed:
         sys.exit("too far off")
 
