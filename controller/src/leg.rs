@@ -1,5 +1,6 @@
 //! The leg that a policy was trained for, as the blob states it.
 
+use crate::policy::CRC;
 use serde::{Deserialize, Serialize};
 
 /// Parameters of the spring leg (SLIP in a fluid), SI units, f32.
@@ -66,6 +67,17 @@ impl LegModel {
             self.drag_x,
             self.drag_y,
         ]
+    }
+
+    /// Tells legs apart: the CRC-32 of the bits of every parameter, in the
+    /// order of their declaration.
+    #[must_use]
+    pub fn fingerprint(&self) -> u32 {
+        let mut digest = CRC.digest();
+        for figure in self.figures() {
+            digest.update(&figure.to_bits().to_le_bytes());
+        }
+        digest.finalize()
     }
 
     /// Whether every figure is from 0 to [`MAX_FIGURE`], and those that the

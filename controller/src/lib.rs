@@ -67,5 +67,6 @@ pub mod host;
 pub mod leg;
 pub mod medium;
 pub mod policy;
+pub mod serial;
 pub mod velocity;
 pub mod wire;

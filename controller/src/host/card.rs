@@ -14,7 +14,6 @@ use std::time::Duration;
 
 use super::domain::{Domain, still_named};
 use crate::leg::LegModel;
-use crate::policy::CRC;
 use crate::wire::WIRE_VERSION;
 
 /// The two parts in a domain.
@@ -65,7 +64,7 @@ pub struct Terms {
     /// Gravity where the leg is, m/s2.
     pub gravity_m_s2: f32,
     /// The leg that is played, or that the policy was trained for, as
-    /// [`leg_fingerprint`] has it; `None` is no word about it.
+    /// [`LegModel::fingerprint`] has it; `None` is no word about it.
     pub leg: Option<u32>,
 }
 
@@ -86,19 +85,8 @@ impl Terms {
     /// The same for a leg.
     #[must_use]
     pub fn with_leg(self, leg: &LegModel) -> Self {
-        Self { leg: Some(leg_fingerprint(leg)), ..self }
+        Self { leg: Some(leg.fingerprint()), ..self }
     }
-}
-
-/// Tells legs apart: the CRC-32 of the bits of every parameter, in the order of
-/// their declaration.
-#[must_use]
-pub fn leg_fingerprint(leg: &LegModel) -> u32 {
-    let mut digest = CRC.digest();
-    for parameter in leg.figures() {
-        digest.update(&parameter.to_bits().to_le_bytes());
-    }
-    digest.finalize()
 }
 
 /// What stands on a card.
@@ -290,7 +278,7 @@ mod tests {
     #[test]
     fn every_parameter_of_a_leg_tells() {
         type Change = fn(&mut LegModel);
-        let human = leg_fingerprint(&LegModel::HUMAN);
+        let human = LegModel::HUMAN.fingerprint();
         let changes: [Change; 10] = [
             |leg| leg.mass_kg = 3.0,
             |leg| leg.added_mass_kg = 3.0,
@@ -306,7 +294,7 @@ mod tests {
         for (i, change) in changes.into_iter().enumerate() {
             let mut leg = LegModel::HUMAN;
             change(&mut leg);
-            assert_ne!(leg_fingerprint(&leg), human, "parameter {i}");
+            assert_ne!(leg.fingerprint(), human, "parameter {i}");
         }
     }
 }

@@ -10,7 +10,6 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use super::blob::{BlobError, PolicyBlob};
-use super::card::leg_fingerprint;
 use super::domain::{DEFAULT_DOMAIN, Domain, DomainError};
 use super::serve::{ServeError, serve};
 use super::shm::{ConnectError, ShmController};
@@ -140,11 +139,11 @@ impl fmt::Display for Summary {
 }
 
 /// What to warn of when a policy was trained for another leg than the one that
-/// is `played`, by its [`leg_fingerprint`].
+/// is `played`, by its [`fingerprint`](crate::leg::LegModel::fingerprint).
 #[must_use]
 pub fn other_leg(policy: &Manifest<'_>, played: Option<u32>) -> Option<String> {
     let Manifest { name, leg, .. } = policy;
-    played.filter(|played| *played != leg_fingerprint(leg)).map(|_| {
+    played.filter(|played| *played != leg.fingerprint()).map(|_| {
         format!(
             "warning: the policy {name} was trained for another leg ({} kg, {} N/m, {} m) than \
              the simulator plays; it runs all the same, --policy chooses another",

@@ -251,7 +251,7 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
     }
 
     /// The leg that the peer plays, or has a policy for, as
-    /// [`leg_fingerprint`](super::card::leg_fingerprint) has it; `None` when it
+    /// [`fingerprint`](crate::leg::LegModel::fingerprint) has it; `None` when it
     /// does not say.
     #[must_use]
     pub fn peer_leg(&self) -> Option<u32> {

@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use controller::control::{Config, Controller};
-use controller::host::card::leg_fingerprint;
 use controller::host::cli::{Meeting as MeetingArgs, SAY_AFTER, other_leg};
 use controller::host::domain::DomainError;
 use controller::host::memory::Inline;
@@ -78,7 +77,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
 fn in_process(scenario: &Scenario, policy: Option<&Path>) -> anyhow::Result<Outcome> {
     let blob = checked_policy(policy)?;
     let policy = blob.policy().map_err(misuse)?;
-    let leg = leg_fingerprint(&scenario.leg_model());
+    let leg = scenario.leg_model().fingerprint();
     if let Some(warning) = other_leg(policy.manifest(), Some(leg)) {
         eprintln!("sim-host: {warning}");
     }
