@@ -81,6 +81,20 @@ impl Config {
     }
 }
 
+/// The command of a leg that nobody controls: [`LegTarget::SAFE`], in answer to
+/// the sample with this header.
+#[must_use]
+pub fn safe_command(header: &Header) -> Command {
+    let LegTarget { angle_rad, elongation_m, elongation_rate_m_s } = LegTarget::SAFE;
+    Command {
+        header: Header { version: WIRE_VERSION, flags: flags::SAFE, ..*header },
+        leg_angle_rad: angle_rad,
+        elongation_m,
+        elongation_rate_m_s,
+        ..Command::default()
+    }
+}
+
 /// What the controller knows since the last apex; goes out with every command.
 #[derive(Clone, Copy, Debug, Default)]
 struct Insight {
@@ -107,25 +121,57 @@ pub struct Controller<'a> {
     insight: Insight,
     target: LegTarget,
     header: Header,
+    /// The policy to go on with from the next apex.
+    next: Option<Policy<'a>>,
 }
 
 impl<'a> Controller<'a> {
     /// A controller that has seen nothing yet.
     #[must_use]
     pub fn new(policy: Policy<'a>, config: Config) -> Self {
-        let manifest = policy.manifest();
-        let leg = manifest.leg;
         Self {
-            cascade: Cascade::new(manifest.gains.clone()),
-            gait: Gait::new(leg.rest_length_m, leg.max_elongation_m),
+            cascade: Cascade::new(policy.manifest().gains.clone()),
+            gait: Self::gait(&policy),
             guard: Guard::new(config.limits),
             estimator: DensityEstimator::new(),
             insight: Insight::default(),
             target: LegTarget::SAFE,
             header: Header::default(),
+            next: None,
             policy,
             config,
         }
+    }
+
+    /// Forgets everything but the policy, as if made anew under `config`. A
+    /// policy that waits for an apex waits no longer.
+    pub fn restart(&mut self, config: Config) {
+        self.take_next();
+        self.config = config;
+        self.guard = Guard::new(config.limits);
+        self.target = LegTarget::SAFE;
+        self.header = Header::default();
+        self.forget();
+    }
+
+    /// Goes on with another policy: from the next apex, or at once when no
+    /// action is in force. One that still waits gives way to this one.
+    ///
+    /// At that apex all of the new policy holds: its leg, its media, its gains
+    /// and its actor. What the run has taught is kept: the medium, the
+    /// cascade's integral (an offset in m/s, so new gains give no kick) and the
+    /// last apex.
+    pub fn swap(&mut self, policy: Policy<'a>) {
+        self.next = Some(policy);
+        if !self.gait.has_action() {
+            self.take_next();
+        }
+    }
+
+    /// Whether a policy waits for the next apex.
+    #[must_use]
+    pub fn swap_is_pending(&self) -> bool {
+        self.next.is_some()
     }
 
     /// The policy that it runs.
@@ -151,11 +197,14 @@ impl<'a> Controller<'a> {
         match self.guard.judge(sample) {
             Verdict::Use(sample) => self.advance(&sample),
             Verdict::Restart(sample) => {
+                self.take_next();
                 self.forget();
                 self.advance(&sample);
             }
             Verdict::Coast => self.coast(),
             Verdict::Safe => {
+                self.take_next();
+                self.gait = Self::gait(&self.policy);
                 self.target = LegTarget::SAFE;
                 return self.command(flags::SAFE);
             }
@@ -163,9 +212,23 @@ impl<'a> Controller<'a> {
         self.command(if self.gait.has_action() { 0 } else { flags::SAFE })
     }
 
+    fn gait(policy: &Policy<'_>) -> Gait {
+        let leg = &policy.manifest().leg;
+        Gait::new(leg.rest_length_m, leg.max_elongation_m)
+    }
+
+    /// From here on the policy that waited, if one did.
+    fn take_next(&mut self) {
+        if let Some(policy) = self.next.take() {
+            let manifest = policy.manifest();
+            self.cascade.reschedule(&manifest.gains);
+            self.gait.refit(manifest.leg.rest_length_m, manifest.leg.max_elongation_m);
+            self.policy = policy;
+        }
+    }
+
     fn forget(&mut self) {
-        let leg = &self.policy.manifest().leg;
-        self.gait = Gait::new(leg.rest_length_m, leg.max_elongation_m);
+        self.gait = Self::gait(&self.policy);
         self.estimator.clear();
         self.cascade.reset();
         self.insight = Insight::default();
@@ -194,6 +257,7 @@ impl<'a> Controller<'a> {
 
     /// Once an apex: medium, cascade, actor.
     fn decide(&mut self, apex: Apex, sensed: Option<f32>, set_point_m_s: f32) {
+        self.take_next();
         let manifest = self.policy.manifest();
         let found = sensed
             .or_else(|| self.estimator.estimate(&manifest.leg, self.config.gravity_m_s2))

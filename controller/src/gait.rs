@@ -120,6 +120,12 @@ impl Gait {
         }
     }
 
+    /// Goes on with a leg of other lengths; the hop stays where it is.
+    pub fn refit(&mut self, rest_length_m: f32, max_elongation_m: f32) {
+        self.rest_length_m = rest_length_m;
+        self.max_elongation_m = max_elongation_m;
+    }
+
     /// Whether the foot is off the ground.
     #[must_use]
     pub fn in_flight(&self) -> bool {

@@ -33,6 +33,12 @@ impl Cascade {
         Self { schedule, integral_m_s: 0.0, last_vx_m_s: None }
     }
 
+    /// Goes on with other gains. The integral is an offset in m/s and stays:
+    /// the change gives no kick.
+    pub fn reschedule(&mut self, schedule: &GainSchedule) {
+        self.schedule.clone_from(schedule);
+    }
+
     /// Forgets integral and derivative.
     pub fn reset(&mut self) {
         self.integral_m_s = 0.0;

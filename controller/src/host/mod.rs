@@ -13,6 +13,7 @@ pub mod card;
 pub mod cli;
 pub mod conformance;
 pub mod domain;
+pub mod flash;
 pub mod link;
 pub mod memory;
 mod payload;

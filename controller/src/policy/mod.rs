@@ -32,7 +32,7 @@ use serde::{Deserialize, Serialize};
 
 pub use aligned::Aligned;
 pub use error::{ParseError, WriteError};
-pub use parse::Policy;
+pub use parse::{Policy, stated_length};
 pub use write::write;
 
 /// The first eight bytes of a blob.
@@ -51,12 +51,12 @@ pub const MAX_GAIN_POINTS: usize = 16;
 pub const SHIPPED: &[u8] = crate::include_policy!("../../policies/robust.bin");
 
 /// Bytes before the manifest: magic, format version, length.
-const PREAMBLE_LEN: usize = 8 + 2 + 4;
+pub const PREAMBLE_LEN: usize = 8 + 2 + 4;
 /// Bytes of the checksum at the end.
 const CRC_LEN: usize = 4;
 
 /// The checksum at the end of a blob.
-pub(crate) const CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+pub(crate) static CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 
 /// Everything in a blob but the weights and the test vectors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -61,6 +61,18 @@ impl<'a> Policy<'a> {
     }
 }
 
+/// How long the blob says it is, bytes; none unless it starts as one of this
+/// format. For bytes with something else behind the blob, such as a slot of
+/// flash: [`Policy::parse`] wants the blob and nothing more.
+#[must_use]
+pub fn stated_length(bytes: &[u8]) -> Option<usize> {
+    let (magic, rest) = bytes.split_first_chunk::<8>()?;
+    let (version, rest) = rest.split_first_chunk::<2>()?;
+    let length = rest.first_chunk::<4>()?;
+    let known = *magic == MAGIC && u16::from_le_bytes(*version) == FORMAT_VERSION;
+    known.then(|| u32::from_le_bytes(*length) as usize)
+}
+
 /// Magic, version, length and checksum, before any field is decoded.
 fn check_frame(bytes: &[u8]) -> Result<u32, ParseError> {
     let found = bytes.len();

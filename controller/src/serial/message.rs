@@ -8,14 +8,30 @@
 //! answered by commands with the same `turn`; requests by replies with the same
 //! `id`. A number that is the last one handled again asks for the last answer
 //! again, and nothing is done twice: so a host that hears nothing says it once
-//! more, with the same number, as often as it takes.
+//! more, with the same number, as often as it takes. A request that changes
+//! nothing ([`Request::is_query`]) is answered afresh whatever its number, so a
+//! host that does not know the last one begins with [`Request::Identify`].
 
 use serde::{Deserialize, Serialize};
 
+use crate::policy::ParseError;
 use crate::wire::{Command, Sample};
 
 /// Most bytes of a blob in one [`Request::Chunk`].
 pub const MAX_CHUNK: usize = 192;
+
+/// Most bytes of a name in any message; longer ones are cut ([`cut`]).
+pub const MAX_NAME: usize = 48;
+
+/// The beginning of a name, as much as goes into a message.
+#[must_use]
+pub fn cut(name: &str) -> &str {
+    if name.len() <= MAX_NAME {
+        return name;
+    }
+    // A character is at most 4 bytes long.
+    (0..4).find_map(|back| name.get(..MAX_NAME - back)).unwrap_or_default()
+}
 
 /// From the host to the controller.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -102,18 +118,28 @@ pub enum Request<'a> {
     },
     /// Check the whole blob, test vectors included. Answered by [`Reply::Done`].
     Verify,
-    /// Verify once more, then seal the slot: it is the one to run, after a power-up too, and is
-    /// swapped in at the next apex. Answered by [`Reply::Done`].
+    /// Verify once more, then seal the slot: it is the one to run, after a
+    /// power-up too, and is swapped in at the next apex, or at once when no
+    /// action is in force. Answered by [`Reply::Done`].
     Commit,
     /// Go back to the policy in the other slot, at the next apex and after a
     /// power-up. Answered by [`Reply::Done`].
     RollBack,
 }
 
+impl Request<'_> {
+    /// Whether it only asks, and changes nothing.
+    #[must_use]
+    pub fn is_query(&self) -> bool {
+        matches!(self, Self::Identify | Self::Statistics | Self::Slots)
+    }
+}
+
 /// How ticks come about.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Mode {
-    /// They do not: samples are answered by the safe command.
+    /// They do not: samples are answered by the safe command. The run before
+    /// is forgotten, its last command not in force any more.
     #[default]
     Idle,
     /// Each sample is a tick; time waits for it.
@@ -324,10 +350,11 @@ pub enum Crash {
     },
 }
 
-/// Counters since the last reset, and figures.
+/// Counters and figures: of the run since the last reset, of the line and the
+/// stack since power-up (a host takes differences).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Statistics {
-    /// Frames that came whole.
+    /// What came over the line, this request included.
     pub line: LineCounts,
     /// Ticks run.
     pub ticks: u32,
@@ -339,13 +366,13 @@ pub struct Statistics {
     pub overruns: u32,
     /// Samples and requests said again, answered again.
     pub repeated: u32,
-    /// Commands or replies that found no room to be sent.
-    pub unsent: u32,
-    /// Bytes that came too fast to be kept.
-    pub lost_bytes: u32,
     /// Policies swapped in.
     pub swaps: u32,
-    /// Deepest stack since power-up, bytes.
+    /// Line: commands or replies that found no room to be sent.
+    pub unsent: u32,
+    /// Line: bytes that came too fast to be kept.
+    pub lost_bytes: u32,
+    /// Deepest stack, bytes.
     pub stack_used: u32,
     /// Room for the stack, bytes.
     pub stack_size: u32,
@@ -368,4 +395,51 @@ pub struct LineCounts {
     pub unknown: u32,
     /// Times that a good frame came after one or more bad ones.
     pub resyncs: u32,
+}
+
+impl LineCounts {
+    /// Nothing came yet.
+    pub const ZERO: Self = Self {
+        frames: 0,
+        crc_errors: 0,
+        malformed: 0,
+        oversize: 0,
+        version: 0,
+        unknown: 0,
+        resyncs: 0,
+    };
+}
+
+impl Slot {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::A, Self::B];
+
+    /// The other one.
+    #[must_use]
+    pub const fn other(self) -> Self {
+        match self {
+            Self::A => Self::B,
+            Self::B => Self::A,
+        }
+    }
+}
+
+impl From<ParseError> for BlobFault {
+    fn from(error: ParseError) -> Self {
+        match error {
+            ParseError::TooShort { .. } => Self::TooShort,
+            ParseError::TooLong { .. } => Self::TooLong,
+            ParseError::Magic(_) => Self::Magic,
+            ParseError::Version(version) => Self::Version(version),
+            ParseError::Crc { .. } => Self::Crc,
+            ParseError::Malformed => Self::Malformed,
+            ParseError::Misaligned => Self::Misaligned,
+            ParseError::Shape(_) | ParseError::WeightBytes(_) => Self::Shape,
+            ParseError::NonFinite(_) => Self::NonFinite,
+            ParseError::OutOfRange(_) => Self::OutOfRange,
+            ParseError::TestVectors(_) => Self::TooFewTestVectors,
+            // There are at most 16.
+            ParseError::TestVector { index, .. } => Self::TestVector(index as u8),
+        }
+    }
 }

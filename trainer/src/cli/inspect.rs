@@ -4,12 +4,9 @@ use super::output::print;
 use super::{Failure, failed, input};
 use clap::Args;
 use controller::host::blob::PolicyBlob;
-use controller::policy::{FORMAT_VERSION, Manifest, Policy, TestVector};
+use controller::policy::{FORMAT_VERSION, Manifest, PREAMBLE_LEN, Policy, TestVector};
 use std::fmt::Write;
 use std::path::PathBuf;
-
-/// Bytes before the manifest: magic, format version, length.
-const PREAMBLE_LEN: usize = 8 + 2 + 4;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
