@@ -1,8 +1,8 @@
 //! From bytes to a policy that has passed every check.
 
 use super::{
-    Blob, CRC, CRC_LEN, FORMAT_VERSION, MAGIC, MIN_TEST_VECTORS, Manifest, PREAMBLE_LEN,
-    ParseError, TestVector,
+    Blob, CRC_LEN, FORMAT_VERSION, MAGIC, MIN_TEST_VECTORS, Manifest, PREAMBLE_LEN, ParseError,
+    TestVector, crc32,
 };
 use crate::actor::Actor;
 
@@ -96,7 +96,7 @@ fn check_frame(bytes: &[u8]) -> Result<u32, ParseError> {
     }
     let (body, stored) = bytes.split_last_chunk::<CRC_LEN>().ok_or(too_short)?;
     let stored = u32::from_le_bytes(*stored);
-    let computed = CRC.checksum(body);
+    let computed = crc32(body);
     if stored != computed {
         return Err(ParseError::Crc { stored, computed });
     }

@@ -1,7 +1,7 @@
 //! The receiver against anything that a line can bring.
 
 use super::spec::examples;
-use crate::policy::CRC;
+use crate::policy::crc32;
 use crate::serial::PROTOCOL_VERSION;
 use crate::serial::frame::{
     FrameFault, MAX_FRAME, MAX_PAYLOAD, Receiver, SendFault, TooLong, Unknown, decode, encode, send,
@@ -34,7 +34,7 @@ fn counted(counts: &LineCounts) -> u32 {
 fn raw_frame(version: u8, payload: &[u8]) -> Vec<u8> {
     let mut body = vec![version];
     body.extend(payload);
-    body.extend(CRC.checksum(&body).to_le_bytes());
+    body.extend(crc32(&body).to_le_bytes());
     let mut frame = vec![0];
     for group in body.split(|&byte| byte == 0) {
         frame.push(group.len() as u8 + 1);

@@ -1,7 +1,7 @@
 //! The specification says what the code does.
 
 use crate::host::flash::MemoryFlash;
-use crate::policy::CRC;
+use crate::policy::crc32;
 use crate::serial::PROTOCOL_VERSION;
 use crate::serial::frame::{MAX_FRAME, decode, encode};
 use crate::serial::message::{
@@ -299,16 +299,13 @@ fn worked_example() -> Vec<u8> {
 }
 
 fn fingerprint() -> u32 {
-    let mut digest = CRC.digest();
-    digest.update(&[PROTOCOL_VERSION]);
+    let mut bytes = vec![PROTOCOL_VERSION];
     let (to_controller, to_host) = examples();
-    let to_controller = to_controller.iter().map(encoded);
-    for message in to_controller.chain(to_host.iter().map(encoded)) {
-        digest.update(&message);
-    }
-    digest.update(&worked_example());
-    digest.update(&seal());
-    digest.finalize()
+    bytes.extend(to_controller.iter().flat_map(encoded));
+    bytes.extend(to_host.iter().flat_map(encoded));
+    bytes.extend(worked_example());
+    bytes.extend(seal());
+    crc32(&bytes)
 }
 
 /// Version and fingerprint of each row of the table of versions.
