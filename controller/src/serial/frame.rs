@@ -19,6 +19,7 @@ use serde::{Deserialize, Serialize};
 use super::PROTOCOL_VERSION;
 use super::message::LineCounts;
 use crate::policy::crc32;
+use crate::postcard_once;
 
 /// Most bytes of a message, encoded.
 pub const MAX_PAYLOAD: usize = 224;
@@ -78,7 +79,7 @@ pub fn encode<'f>(
     let (version, rest) = body.split_first_mut().ok_or(TooLong)?;
     *version = PROTOCOL_VERSION;
     let room = rest.get_mut(..MAX_PAYLOAD).ok_or(TooLong)?;
-    let payload_len = postcard::to_slice(message, room).map_err(|_| TooLong)?.len();
+    let payload_len = postcard_once::to_slice(message, room).map_err(|_| TooLong)?.len();
     let (checked, rest) = body.split_at_mut_checked(1 + payload_len).ok_or(TooLong)?;
     let crc = rest.first_chunk_mut::<CRC_LEN>().ok_or(TooLong)?;
     *crc = crc32(checked).to_le_bytes();
@@ -109,7 +110,7 @@ pub fn encode<'f>(
 /// # Errors
 /// [`Unknown`] when it is anything else.
 pub fn decode<'p, M: Deserialize<'p>>(payload: &'p [u8]) -> Result<M, Unknown> {
-    match postcard::take_from_bytes(payload) {
+    match postcard_once::take_from_bytes(payload) {
         Ok((message, [])) => Ok(message),
         _ => Err(Unknown),
     }

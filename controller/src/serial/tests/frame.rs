@@ -6,7 +6,7 @@ use crate::serial::PROTOCOL_VERSION;
 use crate::serial::frame::{
     FrameFault, MAX_FRAME, MAX_PAYLOAD, Receiver, SendFault, TooLong, Unknown, decode, encode, send,
 };
-use crate::serial::message::{LineCounts, Request, ToController};
+use crate::serial::message::{LineCounts, Request, ToController, ToHost};
 use crate::wire::{Header, Sample};
 use proptest::prelude::*;
 
@@ -42,6 +42,16 @@ fn raw_frame(version: u8, payload: &[u8]) -> Vec<u8> {
     }
     frame.push(0);
     frame
+}
+
+/// What postcard itself makes of these bytes, all of them.
+fn all_of<'p, T: serde::Deserialize<'p>>(payload: &'p [u8]) -> Option<T> {
+    postcard::take_from_bytes(payload).ok().and_then(|(m, rest)| rest.is_empty().then_some(m))
+}
+
+/// To compare by: a NaN is not itself.
+fn text(message: &impl core::fmt::Debug) -> String {
+    format!("{message:?}")
 }
 
 /// Noise as a line has it: any bytes, with zeros, short and long codes in plenty.
@@ -95,11 +105,15 @@ proptest! {
     }
 
     #[test]
-    fn any_payload_is_a_message_or_unknown(payload in prop::collection::vec(any::<u8>(), 0..90)) {
-        if let Ok(message) = decode::<ToController<'_>>(&payload) {
-            // Not all bytes of a message are needed to say it (long varints), but no more.
-            prop_assert!(frame_of(&message).len() <= payload.len() + 8);
-        }
+    fn any_payload_is_read_as_postcard_reads_it(
+        start in prop::array::uniform4(0_u8..12),
+        rest in prop::collection::vec(prop_oneof![any::<u8>(), 0_u8..4], 0..90),
+    ) {
+        let payload = [&start[..], &rest].concat();
+        let found = decode::<ToController<'_>>(&payload).ok();
+        prop_assert_eq!(text(&found), text(&all_of::<ToController<'_>>(&payload)));
+        let found = decode::<ToHost<'_>>(&payload).ok();
+        prop_assert_eq!(text(&found), text(&all_of::<ToHost<'_>>(&payload)));
     }
 }
 
@@ -169,6 +183,23 @@ fn another_version_is_told_from_damage() {
     assert_eq!(got, Some(Err(FrameFault::Version(PROTOCOL_VERSION + 1))));
     let expected = LineCounts { version: 1, ..LineCounts::ZERO };
     assert_eq!(*receiver.counts(), expected);
+}
+
+/// That what goes over the line is what postcard itself makes of it, and reads.
+#[test]
+fn a_payload_is_what_postcard_makes_of_the_message() {
+    let (to_controller, to_host) = examples();
+    let mut buffer = [0; 256];
+    for message in to_controller {
+        let payload = payloads(&mut Receiver::new(), &frame_of(&message)).remove(0);
+        assert_eq!(postcard::to_slice(&message, &mut buffer).unwrap(), payload);
+        assert_eq!(postcard::from_bytes(&payload), Ok(message));
+    }
+    for message in to_host {
+        let payload = payloads(&mut Receiver::new(), &frame_of(&message)).remove(0);
+        assert_eq!(postcard::to_slice(&message, &mut buffer).unwrap(), payload);
+        assert_eq!(postcard::from_bytes(&payload), Ok(message));
+    }
 }
 
 #[test]
