@@ -5,14 +5,15 @@ use std::process::ExitCode;
 use clap::Parser;
 use controller::host::cli;
 
-/// Runs a policy on a leg over shared memory.
+/// Runs a policy on a leg over shared memory; with a command, speaks to a
+/// flashed controller.
 #[derive(Parser)]
 #[command(name = "controller", version, about)]
 struct Program {
     #[command(flatten)]
-    args: cli::Args,
+    call: cli::Call,
 }
 
 fn main() -> ExitCode {
-    cli::main(&Program::parse().args)
+    cli::main(&Program::parse().call)
 }

@@ -11,6 +11,7 @@ use std::time::Duration;
 
 use super::blob::{BlobError, PolicyBlob};
 use super::domain::{DEFAULT_DOMAIN, Domain, DomainError};
+use super::serial::commands::{self, Command};
 use super::serve::{ServeError, serve};
 use super::shm::{ConnectError, ShmController};
 use super::{Role, Stop, Terms};
@@ -22,6 +23,16 @@ use crate::policy::Manifest;
 const MAX_TIMEOUT_S: f64 = 86_400.0;
 /// A peer that is not there by then is worth a word.
 pub const SAY_AFTER: Duration = Duration::from_secs(1);
+
+/// What the program is called with: how to run, or a command to a flashed controller.
+#[derive(Clone, Debug, clap::Args)]
+#[command(args_conflicts_with_subcommands = true)]
+pub struct Call {
+    #[command(subcommand)]
+    command: Option<Command>,
+    #[command(flatten)]
+    args: Args,
+}
 
 /// Runs a policy on a leg: a command for every sample, in lock-step.
 #[derive(Clone, Debug, clap::Args)]
@@ -64,7 +75,7 @@ impl Meeting {
 ///
 /// # Errors
 /// A message with the value and its limits.
-fn parse_timeout(text: &str) -> Result<Duration, String> {
+pub fn parse_timeout(text: &str) -> Result<Duration, String> {
     match text.parse::<f64>() {
         Ok(s) if s > 0.0 && s <= MAX_TIMEOUT_S => Ok(Duration::from_secs_f64(s)),
         _ => Err(format!("it must be a number of seconds, above 0 and at most {MAX_TIMEOUT_S}")),
@@ -192,8 +203,11 @@ pub fn run(args: &Args) -> Result<Summary, CliError> {
 /// The whole program after its arguments: runs, reports, and gives the exit
 /// status.
 #[must_use]
-pub fn main(args: &Args) -> ExitCode {
-    match run(args) {
+pub fn main(call: &Call) -> ExitCode {
+    if let Some(command) = &call.command {
+        return commands::main(command);
+    }
+    match run(&call.args) {
         Ok(summary) => {
             println!("{}: {summary}", Role::Controller);
             ExitCode::SUCCESS

@@ -6,7 +6,8 @@
 //! shared memory). All pass the same [`conformance`] suite.
 //!
 //! Two processes find each other by the name of a [`domain`], in which each
-//! plays one [`card::Role`].
+//! plays one [`card::Role`]. A controller that is flashed is reached over a
+//! [`serial`] line.
 
 pub mod blob;
 pub mod card;
@@ -17,8 +18,10 @@ pub mod flash;
 pub mod link;
 pub mod memory;
 mod payload;
+pub mod serial;
 pub mod serve;
 pub mod shm;
+pub mod socket;
 pub mod stop;
 mod wait;
 

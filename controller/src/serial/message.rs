@@ -320,6 +320,9 @@ pub enum Refusal {
     NothingToRollBackTo(SlotFault),
     /// The flash did not take what was written.
     Flash,
+    /// Said by a bridge that shares its line: a run is on, and the bridge alone
+    /// resets the controller and sets its mode.
+    InSession,
 }
 
 /// Said unasked.

@@ -31,7 +31,7 @@ enum Command {
     /// Play a scenario to a controller, in lock-step.
     Run(Box<run::Args>),
     /// Be the controller: as the `controller` program.
-    Controller(controller::host::cli::Args),
+    Controller(controller::host::cli::Call),
     /// Take hops: from one apex to the next, for each row of a CSV file.
     Apex(apex::Args),
 }

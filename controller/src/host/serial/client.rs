@@ -1,0 +1,472 @@
+//! Talks to a flashed controller: says each message until it is answered.
+//!
+//! Samples and requests are two exchanges side by side, each with at most one
+//! message unanswered. What is not answered in time, or answered by a damaged
+//! frame, is said again with its number, and the controller does nothing twice.
+
+use std::io;
+use std::time::{Duration, Instant};
+
+use serde::Serialize;
+
+use super::faults;
+use super::line::{Came, Line, framed};
+use super::pending::{Pace, Pending};
+use super::stream::ByteStream;
+use crate::host::Stop;
+use crate::serial::PROTOCOL_VERSION;
+use crate::serial::frame::FrameFault;
+use crate::serial::message::{
+    Alarm, Identity, LineCounts, Mode, PolicyReport, Refusal, Reply, Request, SlotReport,
+    Statistics, ToController, ToHost,
+};
+use crate::wire::{Command, Sample};
+
+/// How long to say hello: the first byte may be lost, and an emulator needs a while to boot.
+pub const HELLO_PATIENCE: Duration = Duration::from_secs(3);
+/// How long to wait for the answer to any other request.
+pub const REQUEST_PATIENCE: Duration = Duration::from_secs(3);
+/// Longest wait at the line before looking whether to stop.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// Why the controller could not be talked to, or would not.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ClientError {
+    /// The stream is gone.
+    #[error("the line to the controller broke: {0}; is the board unplugged, the emulator ended?")]
+    Line(#[from] io::Error),
+    /// Nothing came at all.
+    #[error(
+        "nobody has answered for {:.1} s: is the board powered, the --baud right, the port not \
+         taken by another program?",
+        waited.as_secs_f64()
+    )]
+    Silent {
+        /// For so long.
+        waited: Duration,
+    },
+    /// Something came, nothing that could be read.
+    #[error(
+        "only noise has come for {:.1} s ({bad} damaged frames): is the --baud right, the cable \
+         good?",
+        waited.as_secs_f64()
+    )]
+    Noise {
+        /// For so long.
+        waited: Duration,
+        /// Frames that were none.
+        bad: u32,
+    },
+    /// It speaks another version of the protocol.
+    #[error(
+        "the controller speaks version {theirs} of the protocol, this program version \
+         {PROTOCOL_VERSION}; flash a firmware of this release, or use the program of that one"
+    )]
+    ProtocolVersion {
+        /// The controller's.
+        theirs: u8,
+    },
+    /// It would not.
+    #[error("the controller refuses: {}", faults::refusal(.0))]
+    Refused(Refusal),
+    /// It says something else than what it was asked.
+    #[error(
+        "the controller answers something else than what it was asked; build both from the same release"
+    )]
+    WrongReply,
+    /// The program broke off there.
+    #[error("the controller has raised an alarm: {}", faults::alarm(.0))]
+    Alarm(Alarm),
+    /// This process was told to stop, by a signal.
+    #[error("stopped by a signal")]
+    Stopped,
+}
+
+impl ClientError {
+    /// Whether the stream itself is gone, so that another may serve.
+    #[must_use]
+    pub fn is_unplugged(&self) -> bool {
+        matches!(self, Self::Line(_))
+    }
+}
+
+/// What went over the line, counted here.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Counts {
+    /// Frames sent, those sent again included.
+    pub frames_out: u64,
+    /// Samples answered, each by its command.
+    pub commands: u64,
+    /// Samples said again.
+    pub sample_retries: u64,
+    /// Requests answered.
+    pub replies: u64,
+    /// Requests said again.
+    pub request_retries: u64,
+    /// Commands and replies to nothing that is unanswered: said twice, or too late.
+    pub stale: u64,
+}
+
+/// What came.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Heard {
+    /// Nothing new in that time.
+    Nothing,
+    /// The command for the sample posted last.
+    Command(Command),
+    /// The reply to the request posted last; it is at [`Client::reply`].
+    Reply,
+    /// An alarm.
+    Alarm(Alarm),
+}
+
+/// The host's end of the line.
+pub struct Client {
+    line: Line,
+    turn: Option<Pending>,
+    turn_pace: Pace,
+    request: Option<Pending>,
+    request_pace: Pace,
+    next_id: u32,
+    counts: Counts,
+    /// The protocol version of frames that came and were of another one.
+    foreign: Option<u8>,
+    stop: Stop,
+}
+
+impl Client {
+    /// Over an open stream, nothing said yet. Waits end early, by
+    /// [`ClientError::Stopped`], when `stop` is raised.
+    #[must_use]
+    pub fn new(stream: Box<dyn ByteStream>, stop: &Stop) -> Self {
+        Self {
+            line: Line::new(stream),
+            turn: None,
+            turn_pace: Pace::new(),
+            request: None,
+            request_pace: Pace::new(),
+            // The last program's last number must not be this one's first.
+            next_id: random_u32(),
+            counts: Counts::default(),
+            foreign: None,
+            stop: stop.clone(),
+        }
+    }
+
+    /// Goes on over another stream; what was unanswered is forgotten, the
+    /// counters are not.
+    pub fn replace_stream(&mut self, stream: Box<dyn ByteStream>) {
+        self.line.replace(stream);
+        (self.turn, self.request) = (None, None);
+        (self.turn_pace, self.request_pace) = (Pace::new(), Pace::new());
+    }
+
+    /// What was counted since it was made.
+    #[must_use]
+    pub fn counts(&self) -> &Counts {
+        &self.counts
+    }
+
+    /// What came over the line since it was made.
+    #[must_use]
+    pub fn line_counts(&self) -> &LineCounts {
+        self.line.counts()
+    }
+
+    /// Sends a sample, in place of one that is unanswered.
+    ///
+    /// # Errors
+    /// [`ClientError::Line`].
+    pub fn post_sample(&mut self, turn: u32, sample: &Sample) -> Result<(), ClientError> {
+        let frame = frame_of(&ToController::Sample { turn, sample: *sample });
+        self.turn = Some(Pending::new(turn, frame, &self.turn_pace));
+        say(&mut self.line, self.turn.as_ref(), &mut self.counts)
+    }
+
+    /// For how long the sample posted last has been unanswered.
+    #[must_use]
+    pub fn sample_age(&self) -> Option<Duration> {
+        self.turn.as_ref().map(Pending::age)
+    }
+
+    /// Sends a request, in place of one that is unanswered.
+    ///
+    /// # Errors
+    /// [`ClientError::Line`].
+    pub fn post_request(&mut self, request: &Request<'_>) -> Result<(), ClientError> {
+        let id = self.next_id;
+        self.next_id = id.wrapping_add(1);
+        let frame = frame_of(&ToController::Request { id, request: *request });
+        self.request = Some(Pending::new(id, frame, &self.request_pace));
+        say(&mut self.line, self.request.as_ref(), &mut self.counts)
+    }
+
+    /// For how long the request posted last has been unanswered.
+    #[must_use]
+    pub fn request_age(&self) -> Option<Duration> {
+        self.request.as_ref().map(Pending::age)
+    }
+
+    /// The request posted last needs no answer any more.
+    pub fn drop_request(&mut self) {
+        self.request = None;
+    }
+
+    /// Waits at most `timeout` for something to come, and says again what is
+    /// due. May return [`Heard::Nothing`] sooner.
+    ///
+    /// # Errors
+    /// [`ClientError::Line`], [`ClientError::Stopped`].
+    pub fn listen(&mut self, timeout: Duration) -> Result<Heard, ClientError> {
+        if self.stop.is_raised() {
+            return Err(ClientError::Stopped);
+        }
+        self.say_what_is_due()?;
+        let due = [&self.turn, &self.request].into_iter().flatten().map(Pending::wait).min();
+        let wait = timeout.min(due.unwrap_or(LOOK)).min(LOOK);
+        match self.line.receive(wait)? {
+            Came::Nothing => Ok(Heard::Nothing),
+            Came::Bad(fault) => {
+                if let FrameFault::Version(version) = fault {
+                    self.foreign = Some(version);
+                } else {
+                    self.answer_was_damaged()?;
+                }
+                Ok(Heard::Nothing)
+            }
+            Came::Frame => Ok(self.take()),
+        }
+    }
+
+    fn say_what_is_due(&mut self) -> Result<(), ClientError> {
+        if self.turn.as_ref().is_some_and(|turn| turn.wait().is_zero()) {
+            self.say_turn_again()?;
+        }
+        if self.request.as_ref().is_some_and(|request| request.wait().is_zero()) {
+            self.say_request_again()?;
+        }
+        Ok(())
+    }
+
+    fn say_turn_again(&mut self) -> Result<(), ClientError> {
+        self.counts.sample_retries += u64::from(self.turn.is_some());
+        self.turn.iter_mut().for_each(Pending::said_again);
+        say(&mut self.line, self.turn.as_ref(), &mut self.counts)
+    }
+
+    fn say_request_again(&mut self) -> Result<(), ClientError> {
+        self.counts.request_retries += u64::from(self.request.is_some());
+        self.request.iter_mut().for_each(Pending::said_again);
+        say(&mut self.line, self.request.as_ref(), &mut self.counts)
+    }
+
+    /// When only one answer is waited for, that was it: no need to wait on.
+    fn answer_was_damaged(&mut self) -> Result<(), ClientError> {
+        match (&self.turn, &self.request) {
+            (Some(_), None) => self.say_turn_again(),
+            (None, Some(_)) => self.say_request_again(),
+            _ => Ok(()),
+        }
+    }
+
+    fn take(&mut self) -> Heard {
+        match self.line.message::<ToHost<'_>>() {
+            Some(ToHost::Command { turn, command }) => {
+                if let Some(pending) = self.turn.take_if(|pending| pending.number == turn) {
+                    pending.answered(&mut self.turn_pace);
+                    self.counts.commands += 1;
+                    return Heard::Command(command);
+                }
+            }
+            Some(ToHost::Reply { id, .. }) => {
+                if let Some(pending) = self.request.take_if(|pending| pending.number == id) {
+                    pending.answered(&mut self.request_pace);
+                    self.counts.replies += 1;
+                    return Heard::Reply;
+                }
+            }
+            Some(ToHost::Alarm(alarm)) => return Heard::Alarm(alarm),
+            None => {
+                self.line.count_unknown();
+                return Heard::Nothing;
+            }
+        }
+        self.counts.stale += 1;
+        Heard::Nothing
+    }
+
+    /// The reply just [heard](Heard::Reply).
+    #[must_use]
+    pub fn reply(&self) -> Option<Reply<'_>> {
+        match self.line.message() {
+            Some(ToHost::Reply { reply, .. }) => Some(reply),
+            _ => None,
+        }
+    }
+
+    /// Asks, and waits for the reply. A sample that was unanswered is forgotten.
+    ///
+    /// # Errors
+    /// [`ClientError`]; a refusal is one.
+    pub fn request(
+        &mut self,
+        request: &Request<'_>,
+        patience: Duration,
+    ) -> Result<Reply<'_>, ClientError> {
+        self.turn = None;
+        let (begun, bad) = (Instant::now(), bad_frames(self.line.counts()));
+        self.foreign = None;
+        self.post_request(request)?;
+        loop {
+            match self.listen(patience)? {
+                Heard::Reply => break,
+                Heard::Alarm(alarm @ Alarm::Crash(_)) => return Err(ClientError::Alarm(alarm)),
+                Heard::Alarm(Alarm::NoPolicy { .. }) | Heard::Command(_) | Heard::Nothing => (),
+            }
+            let waited = begun.elapsed();
+            if waited >= patience {
+                self.request = None;
+                let bad = bad_frames(self.line.counts()) - bad;
+                return Err(match self.foreign {
+                    Some(theirs) => ClientError::ProtocolVersion { theirs },
+                    None if bad > 0 => ClientError::Noise { waited, bad },
+                    None => ClientError::Silent { waited },
+                });
+            }
+        }
+        match self.reply() {
+            Some(Reply::Refused(refusal)) => Err(ClientError::Refused(refusal)),
+            Some(reply) => Ok(reply),
+            None => Err(ClientError::WrongReply),
+        }
+    }
+
+    /// Asks for something to be done, and waits until it is.
+    ///
+    /// # Errors
+    /// As [`Client::request`].
+    pub fn have_done(&mut self, request: &Request<'_>) -> Result<(), ClientError> {
+        match self.request(request, REQUEST_PATIENCE)? {
+            Reply::Done => Ok(()),
+            _ => Err(ClientError::WrongReply),
+        }
+    }
+
+    /// Says hello until somebody answers, at most for `patience`
+    /// ([`HELLO_PATIENCE`] is usual).
+    ///
+    /// # Errors
+    /// As [`Client::request`].
+    pub fn identify(&mut self, patience: Duration) -> Result<Who, ClientError> {
+        match self.request(&Request::Identify, patience)? {
+            Reply::Identity(identity) => Ok(Who::from(&identity)),
+            _ => Err(ClientError::WrongReply),
+        }
+    }
+
+    /// What lies in the two slots: A, then B.
+    ///
+    /// # Errors
+    /// As [`Client::request`].
+    pub fn slots(&mut self) -> Result<[SlotReport<'_>; 2], ClientError> {
+        match self.request(&Request::Slots, REQUEST_PATIENCE)? {
+            Reply::Slots(slots) => Ok(slots),
+            _ => Err(ClientError::WrongReply),
+        }
+    }
+
+    /// Counters and figures.
+    ///
+    /// # Errors
+    /// As [`Client::request`].
+    pub fn statistics(&mut self) -> Result<Statistics, ClientError> {
+        match self.request(&Request::Statistics, REQUEST_PATIENCE)? {
+            Reply::Statistics(statistics) => Ok(statistics),
+            _ => Err(ClientError::WrongReply),
+        }
+    }
+}
+
+/// Frames that were none, of whatever kind.
+fn bad_frames(line: &LineCounts) -> u32 {
+    line.crc_errors + line.malformed + line.oversize + line.version
+}
+
+fn frame_of(message: &ToController<'_>) -> Vec<u8> {
+    // A chunk is the longest, and `upload` makes none longer than fits.
+    framed(message).unwrap_or_default()
+}
+
+fn say(line: &mut Line, message: Option<&Pending>, counts: &mut Counts) -> Result<(), ClientError> {
+    if let Some(message) = message {
+        line.send(&message.frame)?;
+        counts.frames_out += 1;
+    }
+    Ok(())
+}
+
+/// A number that no other program comes upon at the same time.
+#[must_use]
+pub fn random_u32() -> u32 {
+    use std::hash::{BuildHasher, Hasher};
+    // The standard library's maps are seeded by the system.
+    std::collections::hash_map::RandomState::new().build_hasher().finish() as u32
+}
+
+/// [`Identity`], to keep.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Who {
+    /// [`crate::wire::WIRE_VERSION`] of the controller.
+    pub wire_version: u16,
+    /// The board.
+    pub board: String,
+    /// Version of the firmware.
+    pub firmware: String,
+    /// Of the last reset; none since power-up.
+    pub session: Option<u32>,
+    /// How ticks come about.
+    pub mode: Mode,
+    /// Ticks a second, Hz.
+    pub rate_hz: u32,
+    /// Gravity, m/s2.
+    pub gravity_m_s2: f32,
+    /// The policy that runs.
+    pub policy: Option<WhichPolicy>,
+}
+
+/// [`PolicyReport`], to keep.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WhichPolicy {
+    /// Its slot.
+    pub slot: crate::serial::message::Slot,
+    /// Its name.
+    pub name: String,
+    /// The blob's checksum.
+    pub crc32: u32,
+    /// The leg it was trained on, by its fingerprint.
+    pub leg: u32,
+}
+
+impl From<&Identity<'_>> for Who {
+    fn from(identity: &Identity<'_>) -> Self {
+        let Identity {
+            wire_version,
+            board,
+            firmware,
+            session,
+            mode,
+            rate_hz,
+            gravity_m_s2,
+            policy,
+        } = *identity;
+        let policy = policy.map(|PolicyReport { slot, name, crc32, leg }| WhichPolicy {
+            slot,
+            name: name.to_owned(),
+            crc32,
+            leg,
+        });
+        let (board, firmware) = (board.to_owned(), firmware.to_owned());
+        Self { wire_version, board, firmware, session, mode, rate_hz, gravity_m_s2, policy }
+    }
+}
