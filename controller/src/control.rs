@@ -217,14 +217,15 @@ impl<'a> Controller<'a> {
         Gait::new(leg.rest_length_m, leg.max_elongation_m)
     }
 
-    /// From here on the policy that waited, if one did.
+    /// From here on the policy that waited, if one did. Apart, so that the
+    /// stack of an ordinary tick has no room for a policy.
+    #[inline(never)]
     fn take_next(&mut self) {
-        if let Some(policy) = self.next.take() {
-            let manifest = policy.manifest();
-            self.cascade.reschedule(&manifest.gains);
-            self.gait.refit(manifest.leg.rest_length_m, manifest.leg.max_elongation_m);
-            self.policy = policy;
-        }
+        let Some(policy) = self.next.take() else { return };
+        let manifest = policy.manifest();
+        self.cascade.reschedule(&manifest.gains);
+        self.gait.refit(manifest.leg.rest_length_m, manifest.leg.max_elongation_m);
+        self.policy = policy;
     }
 
     fn forget(&mut self) {
@@ -303,6 +304,8 @@ impl<'a> Controller<'a> {
     }
 }
 
+#[cfg(test)]
+mod swap_tests;
 #[cfg(test)]
 mod tests {
     extern crate std;

@@ -1,6 +1,6 @@
 //! The leg that a policy was trained for, as the blob states it.
 
-use crate::policy::CRC;
+use crate::policy::crc32;
 use serde::{Deserialize, Serialize};
 
 /// Parameters of the spring leg (SLIP in a fluid), SI units, f32.
@@ -73,11 +73,8 @@ impl LegModel {
     /// order of their declaration.
     #[must_use]
     pub fn fingerprint(&self) -> u32 {
-        let mut digest = CRC.digest();
-        for figure in self.figures() {
-            digest.update(&figure.to_bits().to_le_bytes());
-        }
-        digest.finalize()
+        let bits = self.figures().map(|figure| figure.to_bits().to_le());
+        crc32(bytemuck::bytes_of(&bits))
     }
 
     /// Whether every figure is from 0 to [`MAX_FIGURE`], and those that the

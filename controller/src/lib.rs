@@ -67,6 +67,7 @@ pub mod host;
 pub mod leg;
 pub mod medium;
 pub mod policy;
+mod postcard_once;
 pub mod serial;
 pub mod velocity;
 pub mod wire;

@@ -1,10 +1,11 @@
 //! From bytes to a policy that has passed every check.
 
 use super::{
-    Blob, CRC, CRC_LEN, FORMAT_VERSION, MAGIC, MIN_TEST_VECTORS, Manifest, PREAMBLE_LEN,
-    ParseError, TestVector,
+    Blob, CRC_LEN, FORMAT_VERSION, MAGIC, MIN_TEST_VECTORS, Manifest, PREAMBLE_LEN, ParseError,
+    TestVector, crc32,
 };
 use crate::actor::Actor;
+use crate::postcard_once;
 
 // Far beyond any leg; within them no figure of a command can overflow.
 const MAX_SPEED_M_S: f32 = 100.0;
@@ -28,7 +29,8 @@ impl<'a> Policy<'a> {
     /// a multiple of 4; everything else is up to the blob.
     pub fn parse(bytes: &'a [u8]) -> Result<Self, ParseError> {
         let crc32 = check_frame(bytes)?;
-        let blob: Blob<'a> = postcard::from_bytes(bytes).map_err(|_| ParseError::Malformed)?;
+        let blob: Blob<'a> =
+            postcard_once::take_from_bytes(bytes).map_err(|_| ParseError::Malformed)?.0;
         if !blob.weights.len().is_multiple_of(4) {
             return Err(ParseError::WeightBytes(blob.weights.len()));
         }
@@ -96,7 +98,7 @@ fn check_frame(bytes: &[u8]) -> Result<u32, ParseError> {
     }
     let (body, stored) = bytes.split_last_chunk::<CRC_LEN>().ok_or(too_short)?;
     let stored = u32::from_le_bytes(*stored);
-    let computed = CRC.checksum(body);
+    let computed = crc32(body);
     if stored != computed {
         return Err(ParseError::Crc { stored, computed });
     }

@@ -14,7 +14,7 @@ fn refusal(bytes: &[u8]) -> ParseError {
 /// The bytes with their checksum made right again.
 fn resealed(mut bytes: StdVec<u8>) -> StdVec<u8> {
     let (body, crc) = bytes.split_last_chunk_mut::<4>().unwrap();
-    *crc = CRC.checksum(body).to_le_bytes();
+    *crc = crc32(body).to_le_bytes();
     bytes
 }
 

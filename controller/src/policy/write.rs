@@ -1,8 +1,8 @@
 //! From a trained actor to a blob.
 
 use super::{
-    Blob, CRC, CRC_LEN, FORMAT_VERSION, MAGIC, MAX_TEST_VECTORS, Manifest, ParseError, Policy,
-    TestVector, WriteError,
+    Blob, CRC_LEN, FORMAT_VERSION, MAGIC, MAX_TEST_VECTORS, Manifest, ParseError, Policy,
+    TestVector, WriteError, crc32,
 };
 use crate::actor::{Actor, Observation};
 use heapless::Vec;
@@ -60,7 +60,7 @@ pub fn write(
     blob.length = len as u32;
     let used = postcard::to_slice(&blob, buffer).map_err(|_| too_small)?;
     if let Some((body, crc)) = used.split_last_chunk_mut::<CRC_LEN>() {
-        *crc = CRC.checksum(body).to_le_bytes();
+        *crc = crc32(body).to_le_bytes();
     }
     Policy::parse(used).map_err(invalid)?;
     Ok(len)

@@ -18,7 +18,8 @@ use serde::{Deserialize, Serialize};
 
 use super::PROTOCOL_VERSION;
 use super::message::LineCounts;
-use crate::policy::CRC;
+use crate::policy::crc32;
+use crate::postcard_once;
 
 /// Most bytes of a message, encoded.
 pub const MAX_PAYLOAD: usize = 224;
@@ -78,10 +79,10 @@ pub fn encode<'f>(
     let (version, rest) = body.split_first_mut().ok_or(TooLong)?;
     *version = PROTOCOL_VERSION;
     let room = rest.get_mut(..MAX_PAYLOAD).ok_or(TooLong)?;
-    let payload_len = postcard::to_slice(message, room).map_err(|_| TooLong)?.len();
+    let payload_len = postcard_once::to_slice(message, room).map_err(|_| TooLong)?.len();
     let (checked, rest) = body.split_at_mut_checked(1 + payload_len).ok_or(TooLong)?;
     let crc = rest.first_chunk_mut::<CRC_LEN>().ok_or(TooLong)?;
-    *crc = CRC.checksum(checked).to_le_bytes();
+    *crc = crc32(checked).to_le_bytes();
     let body = body.get(..1 + payload_len + CRC_LEN).ok_or(TooLong)?;
 
     // A group is a run without zeros, led by its length plus 1.
@@ -109,7 +110,7 @@ pub fn encode<'f>(
 /// # Errors
 /// [`Unknown`] when it is anything else.
 pub fn decode<'p, M: Deserialize<'p>>(payload: &'p [u8]) -> Result<M, Unknown> {
-    match postcard::take_from_bytes(payload) {
+    match postcard_once::take_from_bytes(payload) {
         Ok((message, [])) => Ok(message),
         _ => Err(Unknown),
     }
@@ -256,7 +257,7 @@ impl Receiver {
 fn check(body: &[u8]) -> Result<&[u8], FrameFault> {
     let (checked, crc) = body.split_last_chunk::<CRC_LEN>().ok_or(FrameFault::Malformed)?;
     let (&version, payload) = checked.split_first().ok_or(FrameFault::Malformed)?;
-    if u32::from_le_bytes(*crc) != CRC.checksum(checked) {
+    if u32::from_le_bytes(*crc) != crc32(checked) {
         return Err(FrameFault::Crc);
     }
     if version != PROTOCOL_VERSION {

@@ -25,6 +25,7 @@ pub const MAX_NAME: usize = 48;
 
 /// The beginning of a name, as much as goes into a message.
 #[must_use]
+#[inline(never)]
 pub fn cut(name: &str) -> &str {
     if name.len() <= MAX_NAME {
         return name;

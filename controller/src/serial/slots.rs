@@ -20,7 +20,7 @@
 //! 0. Blank is all ones, or all zeros, as memory that only plays flash has it.
 
 use super::message::{Slot, SlotFault};
-use crate::policy::{self, CRC, MAGIC, Policy};
+use crate::policy::{self, MAGIC, Policy};
 
 /// Bytes at the end of a slot that are not for the blob.
 pub const SEAL_LEN: usize = 32;
@@ -100,7 +100,7 @@ impl Seal {
         for (word, bytes) in words.iter_mut().zip(bytes.as_chunks().0) {
             *word = u32::from_le_bytes(*bytes);
         }
-        let sealed = CRC.checksum(bytes.get(..SEALED_LEN)?);
+        let sealed = policy::crc32(bytes.get(..SEALED_LEN)?);
         Some((room, Self::of(words, sealed)))
     }
 
@@ -237,15 +237,12 @@ pub fn seal(
     crc32: u32,
 ) -> Result<(), FlashFault> {
     let sequence = sequence(flash.bytes(slot.other())).saturating_add(1).min(u32::MAX - 1);
-    let words = [OPENED, sequence, length, crc32];
-    let mut digest = CRC.digest();
-    for word in words {
-        digest.update(&word.to_le_bytes());
-    }
+    let words = [OPENED, sequence, length, crc32].map(u32::to_le);
+    let sum = policy::crc32(bytemuck::bytes_of(&words));
     program_seal(flash, slot, place::SEQUENCE, sequence)?;
     program_seal(flash, slot, place::LENGTH, length)?;
     program_seal(flash, slot, place::CRC32, crc32)?;
-    program_seal(flash, slot, place::SEAL, digest.finalize())
+    program_seal(flash, slot, place::SEAL, sum)
 }
 
 /// Rolls a slot back: it is never chosen again.
