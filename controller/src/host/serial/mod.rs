@@ -22,3 +22,6 @@ pub use client::{Client, ClientError, Counts, Heard};
 pub use noise::Noisy;
 pub use stream::{ByteStream, Endpoint, OpenError};
 pub use virtual_board::VirtualBoard;
+
+#[cfg(test)]
+mod tests;
