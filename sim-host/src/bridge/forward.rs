@@ -3,8 +3,8 @@
 
 use std::time::{Duration, Instant};
 
-use controller::host::serial::client::{REQUEST_PATIENCE, Who};
-use controller::host::serial::{ClientError, Heard};
+use controller::host::serial::client::REQUEST_PATIENCE;
+use controller::host::serial::{ClientError, Heard, Who};
 use controller::host::serve::ServeError;
 use controller::host::shm::ShmController;
 use controller::host::{Link, LinkError};
@@ -109,6 +109,7 @@ impl Forwarder {
     pub(super) fn play(&mut self, link: &mut ShmController) -> Result<(), BridgeError> {
         self.begun = Instant::now();
         (self.last_life, self.last_look) = (self.begun, self.begun);
+        self.compare_legs(link);
         let (mut leg_wait, mut leg_life) = (LEG_WAIT, self.begun);
         loop {
             if self.asking.is_none() || self.mode == Mode::Live {
@@ -132,6 +133,16 @@ impl Forwarder {
                 }
             }
             self.attend_to_line(link)?;
+        }
+    }
+
+    /// A policy may well be tried on a leg that it was not trained for.
+    fn compare_legs(&mut self, link: &ShmController) {
+        if let (Some(policy), Some(played)) = (&self.target.who.policy, link.peer_leg())
+            && policy.leg != played
+        {
+            let name = policy.name.clone();
+            self.notice(&Notice::OtherLeg(name));
         }
     }
 
@@ -251,13 +262,14 @@ impl Forwarder {
         match heard {
             Heard::Nothing => Ok(Noted::Other),
             Heard::Alarm(alarm) => {
+                if let Alarm::Crash(_) = alarm {
+                    return Err(ClientError::Alarm(alarm).into());
+                }
                 self.alarms += 1;
                 self.notice(&Notice::Alarm(alarm));
-                Ok(match alarm {
-                    // Said after a power-up: the check will tell.
-                    Alarm::NoPolicy { .. } => Noted::Other,
-                    Alarm::Crash(_) => return Err(ClientError::Alarm(alarm).into()),
-                })
+                // Said after a power-up: the next command is to be checked.
+                self.safe_in_a_row = 0;
+                Ok(Noted::Other)
             }
             Heard::Command { again: true, .. } if self.mode != Mode::Live => Ok(Noted::Other),
             Heard::Command { command, .. } => Ok(self.judge(command)),

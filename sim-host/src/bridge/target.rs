@@ -3,8 +3,8 @@
 use std::fmt;
 use std::time::{Duration, Instant};
 
-use controller::host::serial::client::{ClientError, HELLO_PATIENCE, Who, random_u32};
-use controller::host::serial::{ByteStream, Client, OpenError, faults};
+use controller::host::serial::client::{ClientError, HELLO_PATIENCE, random_u32};
+use controller::host::serial::{ByteStream, Client, OpenError, Who, faults};
 use controller::host::{LinkError, Stop};
 use controller::serial::message::{Alarm, Mode, Request, Statistics};
 use controller::wire::WIRE_VERSION;
@@ -56,6 +56,8 @@ pub enum Notice {
     Alarm(Alarm),
     /// It has no policy: every command will be the safe one.
     NoPolicy,
+    /// Its policy, of this name, was trained for another leg.
+    OtherLeg(String),
 }
 
 impl fmt::Display for Notice {
@@ -76,6 +78,11 @@ impl fmt::Display for Notice {
             Self::NoPolicy => f.write_str(
                 "warning: the controller has no policy and answers by the safe command; bring one \
                  by `controller policy upload`",
+            ),
+            Self::OtherLeg(policy) => write!(
+                f,
+                "warning: the policy {policy} was trained for another leg than the simulator \
+                 plays; it runs all the same, `controller policy upload` brings another"
             ),
         }
     }
@@ -98,6 +105,7 @@ pub(super) struct Target {
     session: u32,
     on_unplug: OnUnplug,
     patience: Duration,
+    stop: Stop,
 }
 
 impl Target {
@@ -126,6 +134,7 @@ impl Target {
             session: random_u32(),
             on_unplug,
             patience,
+            stop: stop.clone(),
         };
         target.check()?;
         Ok(target)
@@ -193,6 +202,9 @@ impl Target {
         let mut last: BridgeError = cause.into();
         loop {
             still_wanted()?;
+            if self.stop.is_raised() {
+                return Err(ClientError::Stopped.into());
+            }
             let left = self.patience.saturating_sub(lost.elapsed());
             if left.is_zero() {
                 return Err(BridgeError::NotBack { waited: lost.elapsed(), last: Box::new(last) });
