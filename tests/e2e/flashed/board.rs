@@ -103,7 +103,7 @@ impl Flashed {
         let begun = Instant::now();
         while begun.elapsed() < PATIENCE {
             match self.client.listen(PATIENCE).expect("the line") {
-                Heard::Command(command) => return command,
+                Heard::Command { command, .. } => return command,
                 Heard::Alarm(alarm) => panic!("{alarm:?}"),
                 Heard::Nothing | Heard::Reply => (),
             }

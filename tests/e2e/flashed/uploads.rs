@@ -137,7 +137,7 @@ impl Link for Uploading<'_> {
         self.flashed.client.post_sample(self.turn, sample).expect("the line");
         self.reply = loop {
             match self.flashed.client.listen(Duration::from_secs(10)).expect("the line") {
-                Heard::Command(command) => break Some(command),
+                Heard::Command { command, .. } => break Some(command),
                 Heard::Reply => self.heard_reply(),
                 Heard::Nothing => (),
                 Heard::Alarm(alarm) => panic!("{alarm:?}"),
