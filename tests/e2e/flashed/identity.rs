@@ -181,9 +181,7 @@ fn host_and_firmware_give_the_same_commands_bit_for_bit() {
         twins.did.apexes += outcome.apexes;
     }
     let did = twins.did;
-    let safe = flashed.statistics();
-    println!("{run} runs, {did:?}\n{safe:?}");
-    assert_eq!(u64::from(safe.ticks) > 0, true);
+    println!("{run} runs, {did:?}\n{:?}", flashed.statistics());
     assert!(did.bad > wanted / 100, "{did:?}");
     assert!(did.apexes >= wanted / 2_000, "it hops: {did:?}");
     assert!(did.resets >= 1 && did.swaps >= 1 && did.set_points >= 1, "{did:?}");
