@@ -15,15 +15,25 @@ pub struct Board {
     pub name: &'static str,
     /// The machine of `qemu-system-arm` that has this processor and these peripherals.
     pub machine: &'static str,
+    /// What the machine wants besides, so that it does not complain.
+    pub(crate) peripherals: &'static [&'static str],
     /// The chip, as probe-rs calls it; none for a board that only the emulator has.
     pub chip: Option<&'static str>,
 }
 
+/// A network that leads nowhere, for the boards that have a socket for it.
+const ETHERNET: &[&str] = &["-nic", "user,restrict=on"];
+
 /// Every board, the one that is emulated by default first.
 pub const BOARDS: [Board; 3] = [
-    Board { name: "mps2-an386", machine: "mps2-an386", chip: None },
-    Board { name: "mps2-an500", machine: "mps2-an500", chip: None },
-    Board { name: "stm32f405", machine: "netduinoplus2", chip: Some("STM32F405RGTx") },
+    Board { name: "mps2-an386", machine: "mps2-an386", peripherals: ETHERNET, chip: None },
+    Board { name: "mps2-an500", machine: "mps2-an500", peripherals: ETHERNET, chip: None },
+    Board {
+        name: "stm32f405",
+        machine: "netduinoplus2",
+        peripherals: &[],
+        chip: Some("STM32F405RGTx"),
+    },
 ];
 
 impl Board {

@@ -4,6 +4,7 @@ mod ci;
 mod flash;
 mod hil;
 mod setup;
+mod soak;
 mod step;
 
 use clap::{Parser, Subcommand};
@@ -28,6 +29,8 @@ enum Command {
     Flash(flash::Args),
     /// Hardware in the loop: the shore, played to a flashed controller.
     Hil(hil::Args),
+    /// The tests of the flashed controller, long.
+    Soak(soak::Args),
 }
 
 fn main() -> ExitCode {
@@ -36,6 +39,7 @@ fn main() -> ExitCode {
         Command::Setup => setup::run(),
         Command::Flash(args) => flash::run(&args),
         Command::Hil(args) => hil::run(&args),
+        Command::Soak(args) => soak::run(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

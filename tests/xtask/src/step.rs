@@ -13,7 +13,7 @@ pub(crate) struct Step {
     program: &'static str,
     args: String,
     folder: &'static str,
-    env: Option<(&'static str, &'static str)>,
+    env: Option<(&'static str, String)>,
 }
 
 impl Step {
@@ -33,8 +33,8 @@ impl Step {
         self
     }
 
-    pub(crate) fn with_env(mut self, key: &'static str, value: &'static str) -> Self {
-        self.env = Some((key, value));
+    pub(crate) fn with_env(mut self, key: &'static str, value: impl Into<String>) -> Self {
+        self.env = Some((key, value.into()));
         self
     }
 
@@ -45,7 +45,7 @@ impl Step {
         let start = Instant::now();
         let status = Command::new(program)
             .args(args.split_whitespace())
-            .envs(self.env)
+            .envs(self.env.clone())
             .current_dir(root().join(self.folder))
             .status()
             .with_context(|| format!("cannot start `{program}`; is it installed?"))?;
