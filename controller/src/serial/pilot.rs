@@ -139,6 +139,7 @@ impl<'a> Pilot<'a> {
     }
 
     /// How ticks come about from now on. Idle forgets the run.
+    #[inline(never)]
     pub fn set_mode(&mut self, mode: Mode) {
         self.fresh = None;
         self.answered = None;
@@ -215,6 +216,8 @@ impl<'a> Pilot<'a> {
         Some((turn, command))
     }
 
+    /// Apart, so that an image has the control law once.
+    #[inline(never)]
     fn tick(&mut self, turn: u32, sample: &Sample) -> Command {
         increment(&mut self.counts.ticks);
         let command = match &mut self.running {

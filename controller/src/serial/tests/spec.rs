@@ -144,6 +144,7 @@ fn refusals() -> Vec<Refusal> {
         Refusal::Blob(BlobFault::Version(7)),
         Refusal::NothingToRollBackTo(SlotFault::RolledBack),
         Refusal::Flash,
+        Refusal::InSession,
     ]
 }
 
