@@ -33,22 +33,17 @@ pub struct Limits {
     pub recover_after_ticks: u32,
 }
 
-impl Limits {
-    /// The defaults.
-    pub const USUAL: Self = Self {
-        max_speed_m_s: 50.0,
-        height_m: [0.0, 100.0],
-        leg_length_m: [0.0, 10.0],
-        density_ratio: [0.0, 2.0],
-        max_gap_ns: 20_000_000,
-        safe_after_ticks: 10,
-        recover_after_ticks: 3,
-    };
-}
-
 impl Default for Limits {
     fn default() -> Self {
-        Self::USUAL
+        Self {
+            max_speed_m_s: 50.0,
+            height_m: [0.0, 100.0],
+            leg_length_m: [0.0, 10.0],
+            density_ratio: [0.0, 2.0],
+            max_gap_ns: 20_000_000,
+            safe_after_ticks: 10,
+            recover_after_ticks: 3,
+        }
     }
 }
 

@@ -1,125 +1,83 @@
-//! When the program breaks off: the leg in its safe state, the reason said, and
-//! the end.
-#![allow(unsafe_code)]
+//! The program breaks off: the leg gets its safe command, the host is told why.
+//!
+//! Nothing is trusted any more but the UART, by polling, and a few words that
+//! were put aside for this. In the emulator the program ends then, with an exit
+//! status of its own; on silicon it stands still until the next power-up.
 
-use crate::board::{Board, This};
-use crate::stack;
-use controller::control::safe_command;
-use controller::serial::frame;
-use controller::serial::message::{Alarm, Crash, ToHost};
-use controller::wire::{Command, Header, WIRE_VERSION};
-use core::convert::Infallible;
 use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicU32, Ordering};
-use cortex_m_rt::exception;
+
+use controller::control::safe_command;
+use controller::serial::frame::{self, MAX_FRAME};
+use controller::serial::message::{Alarm, Crash, ToHost};
+use controller::wire::{Command, Header};
+use cortex_m_rt::ExceptionFrame;
+
+use crate::board::{Board, Selected};
 
 /// Exit status of the emulator after a panic.
-pub const PANIC_STATUS: u8 = 101;
-/// Exit status of the emulator after a fault.
-pub const FAULT_STATUS: u8 = 102;
+const PANIC: u8 = 101;
+/// Exit status of the emulator after a fault of the processor.
+const HARD_FAULT: u8 = 102;
 
-/// The last turn answered, and the header of its command: words, as a crash may
-/// come between any two of them.
-static TURN: AtomicU32 = AtomicU32::new(0);
-static EPOCH: AtomicU32 = AtomicU32::new(0);
-static SEQ: [AtomicU32; 2] = [const { AtomicU32::new(0) }; 2];
-static T_NS: [AtomicU32; 2] = [const { AtomicU32::new(0) }; 2];
+/// The last command's turn, epoch, and tick, low and high half.
+static LAST: [AtomicU32; 4] = [const { AtomicU32::new(0) }; 4];
 
-/// Notes which command was sent last, for the safe one that may have to follow.
-pub fn note(turn: u32, header: &Header) {
-    let store = |place: &[AtomicU32; 2], value: u64| {
-        let [low, high] = place;
-        low.store(value as u32, Ordering::Relaxed);
-        high.store((value >> 32) as u32, Ordering::Relaxed);
-    };
-    TURN.store(turn, Ordering::Relaxed);
-    EPOCH.store(header.epoch, Ordering::Relaxed);
-    store(&SEQ, header.seq);
-    store(&T_NS, header.t_ns);
+/// Puts aside what a safe command needs to be taken by the host.
+pub(crate) fn remember(turn: u32, command: &Command) {
+    let Header { epoch, seq, .. } = command.header;
+    for (place, word) in LAST.iter().zip([turn, epoch, seq as u32, (seq >> 32) as u32]) {
+        place.store(word, Ordering::Relaxed);
+    }
 }
 
-fn last_safe_command() -> (u32, Command) {
-    let load = |[low, high]: &[AtomicU32; 2]| {
-        u64::from(high.load(Ordering::Relaxed)) << 32 | u64::from(low.load(Ordering::Relaxed))
-    };
-    let header = Header {
-        version: WIRE_VERSION,
-        flags: 0,
-        epoch: EPOCH.load(Ordering::Relaxed),
-        seq: load(&SEQ),
-        t_ns: load(&T_NS),
-    };
-    (TURN.load(Ordering::Relaxed), safe_command(&header))
-}
-
-/// Says it by polling: interrupts, rings and locks may be in any state. The
-/// zero in front of the frame ends whatever was being sent.
-fn end(crash: Crash, status: u8) -> ! {
+/// The panic handler's, and the fault handler's, last act.
+fn break_off(crash: Crash, status: u8) -> ! {
     cortex_m::interrupt::disable();
-    let (turn, command) = last_safe_command();
-    // A line that takes nothing more cannot be told anything.
-    let _ = frame::send(&mut Polling, &ToHost::Command { turn, command });
-    let _ = frame::send(&mut Polling, &ToHost::Alarm(Alarm::Crash(crash)));
-    This::stop(status)
-}
-
-/// The line by polling.
-struct Polling;
-
-impl embedded_io::ErrorType for Polling {
-    type Error = Infallible;
-}
-
-impl embedded_io::Write for Polling {
-    fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
-        Ok(bytes.iter().take_while(|&&byte| This::send_now(byte)).count())
+    let [turn, epoch, low, high] = LAST.each_ref().map(|word| word.load(Ordering::Relaxed));
+    let seq = u64::from(high) << 32 | u64::from(low);
+    let command = safe_command(&Header { epoch, seq, ..Header::default() });
+    // What was being sent is cut off; the zero in front of a frame ends it.
+    for message in [ToHost::Command { turn, command }, ToHost::Alarm(Alarm::Crash(crash))] {
+        let mut out = [0; MAX_FRAME];
+        if let Ok(frame) = frame::encode(&message, &mut out) {
+            for &byte in frame {
+                Selected::send_polled(byte);
+            }
+        }
     }
-
-    fn flush(&mut self) -> Result<(), Infallible> {
-        Ok(())
-    }
+    Selected::end(status)
 }
 
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {
-    end(Crash::Panic { line: info.location().map_or(0, core::panic::Location::line) }, PANIC_STATUS)
+    let line = info.location().map_or(0, core::panic::Location::line);
+    break_off(Crash::Panic { line }, PANIC)
 }
 
-/// Every fault ends here, as no other fault handler is enabled.
-///
-/// The stack may be what has failed, so it begins anew at its top; and the
-/// floating-point state that the hardware meant to save on it is dropped, else
-/// the first floating-point instruction would fault again.
-#[unsafe(naked)]
-#[unsafe(no_mangle)]
-unsafe extern "C" fn HardFault() -> ! {
-    core::arch::naked_asm!(
-        "mrs r0, msp",
-        "ldr r1, =_stack_start",
-        "msr msp, r1",
-        "ldr r1, =0xe000ef34", // FPCCR
-        "ldr r2, [r1]",
-        "bic r2, r2, #1", // LSPACT
-        "str r2, [r1]",
-        "b {fault}",
-        fault = sym fault,
-    )
+#[allow(unsafe_code)]
+mod fault {
+    use super::{Crash, ExceptionFrame, HARD_FAULT, break_off};
+
+    // SAFETY: it never returns, and reads only the frame that it is given.
+    #[cortex_m_rt::exception]
+    unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
+        break_off(Crash::HardFault { pc: frame.pc() }, HARD_FAULT)
+    }
 }
 
-/// `frame` is where the hardware put eight words, the seventh the address of
-/// the instruction, if it could.
-extern "C" fn fault(frame: u32) -> ! {
-    let pc = if stack::holds(frame, 32) {
-        // SAFETY: within the stack, and aligned, as the hardware aligns it.
-        unsafe { core::ptr::read_volatile((frame + 24) as *const u32) }
-    } else {
-        0
-    };
-    end(Crash::HardFault { pc }, FAULT_STATUS)
-}
-
-/// An exception that nobody expects.
-#[exception]
-unsafe fn DefaultHandler(_number: i16) {
-    cortex_m::asm::udf()
+/// In an image for the tests, breaks off after some ticks; else nothing.
+pub(crate) fn provoke() {
+    #[cfg(any(feature = "provoke-panic", feature = "provoke-fault"))]
+    {
+        use controller::serial::pilot::SharedPilot;
+        /// Ticks that go well.
+        const TICKS: u32 = 300;
+        if crate::pilot::PILOT.with(|pilot| pilot.counts().ticks) >= TICKS {
+            #[cfg(feature = "provoke-panic")]
+            panic!("as asked for");
+            #[cfg(feature = "provoke-fault")]
+            cortex_m::asm::udf();
+        }
+    }
 }

@@ -1,71 +1,56 @@
-//! Bytes on their way between an interrupt and the rest of the program.
-//!
-//! One side puts in, one side takes out, and neither waits. Written out here,
-//! on atomics, as it is then free of unsafe code and can be a plain `static`;
-//! `heapless::spsc` must be split into halves that have to be given to an
-//! interrupt somehow.
+//! A ring of bytes between an interrupt and the main loop.
 
 use core::sync::atomic::{AtomicU8, AtomicUsize, Ordering};
 
-/// A queue of up to `N` bytes, `N` a power of two, for one writer and one reader.
-#[derive(Debug)]
-pub struct Ring<const N: usize> {
+/// Holds up to `N - 1` bytes; `N` is a power of two. One side pushes, one pops.
+///
+/// Of atomics, so that it is safe code and needs no splitting into halves; on
+/// one core a relaxed atomic is an ordinary load or store, and the order of the
+/// two is kept by release and acquire.
+pub(crate) struct Ring<const N: usize> {
     bytes: [AtomicU8; N],
-    /// Bytes ever taken out, modulo 2^32; only the reader writes it.
-    taken: AtomicUsize,
-    /// Bytes ever put in, modulo 2^32; only the writer writes it.
-    put: AtomicUsize,
-}
-
-impl<const N: usize> Default for Ring<N> {
-    fn default() -> Self {
-        Self::new()
-    }
+    /// Bytes pushed and popped ever, modulo the range of `usize`.
+    pushed: AtomicUsize,
+    popped: AtomicUsize,
 }
 
 impl<const N: usize> Ring<N> {
-    /// An empty one.
-    #[must_use]
-    pub const fn new() -> Self {
+    pub(crate) const fn new() -> Self {
         const { assert!(N.is_power_of_two()) };
         Self {
             bytes: [const { AtomicU8::new(0) }; N],
-            taken: AtomicUsize::new(0),
-            put: AtomicUsize::new(0),
+            pushed: AtomicUsize::new(0),
+            popped: AtomicUsize::new(0),
         }
     }
 
-    /// Whether there is nothing to take out.
-    pub fn is_empty(&self) -> bool {
-        self.put.load(Ordering::Acquire) == self.taken.load(Ordering::Relaxed)
+    /// Bytes that find room now.
+    pub(crate) fn room(&self) -> usize {
+        let pushed = self.pushed.load(Ordering::Relaxed);
+        N - 1 - pushed.wrapping_sub(self.popped.load(Ordering::Acquire)).min(N - 1)
     }
 
-    /// Writer: puts all of these in, or none and returns false.
-    pub fn put(&self, bytes: &[u8]) -> bool {
-        let put = self.put.load(Ordering::Relaxed);
-        let waiting = put.wrapping_sub(self.taken.load(Ordering::Acquire));
-        if bytes.len() > N.saturating_sub(waiting) {
-            return false;
-        }
-        let mut end = put;
-        for &byte in bytes {
-            if let Some(place) = self.bytes.get(end & (N - 1)) {
+    /// Adds a byte; false when there is no room.
+    pub(crate) fn push(&self, byte: u8) -> bool {
+        let pushed = self.pushed.load(Ordering::Relaxed);
+        match self.bytes.get(pushed % N) {
+            Some(place) if self.room() > 0 => {
                 place.store(byte, Ordering::Relaxed);
+                self.pushed.store(pushed.wrapping_add(1), Ordering::Release);
+                true
             }
-            end = end.wrapping_add(1);
+            _ => false,
         }
-        self.put.store(end, Ordering::Release);
-        true
     }
 
-    /// Reader: takes the next byte out.
-    pub fn take(&self) -> Option<u8> {
-        let taken = self.taken.load(Ordering::Relaxed);
-        if taken == self.put.load(Ordering::Acquire) {
+    /// Takes the oldest byte.
+    pub(crate) fn pop(&self) -> Option<u8> {
+        let popped = self.popped.load(Ordering::Relaxed);
+        if popped == self.pushed.load(Ordering::Acquire) {
             return None;
         }
-        let byte = self.bytes.get(taken & (N - 1))?.load(Ordering::Relaxed);
-        self.taken.store(taken.wrapping_add(1), Ordering::Release);
+        let byte = self.bytes.get(popped % N)?.load(Ordering::Relaxed);
+        self.popped.store(popped.wrapping_add(1), Ordering::Release);
         Some(byte)
     }
 }

@@ -1,41 +1,54 @@
-//! How deep the stack has been: it is painted at reset, and what has lost its
-//! paint was used.
+//! How deep the stack went: painted at power-up, read where the paint is gone.
 #![allow(unsafe_code)]
 
-use core::ptr::{addr_of, read_volatile};
-use cortex_m_rt::STACK_PAINT_VALUE;
+use core::ptr::addr_of_mut;
+
+/// A word that nobody pushes by chance.
+const PAINT: u32 = 0x5AFE_57AC;
+/// Bytes below the stack pointer left alone: the painter's own frame.
+const MARGIN: usize = 256;
 
 unsafe extern "C" {
-    /// Lowest word of the stack; a place, not a value.
-    static _stack_end: u32;
-    /// Just above its highest word.
-    static _stack_start: u32;
+    /// The end of the static variables: as deep as the stack may go.
+    static mut __sheap: u32;
+    /// Where the stack begins, growing down.
+    static mut _stack_start: u32;
 }
 
-/// Bytes of the stack.
-#[must_use]
-pub fn size() -> u32 {
-    (addr_of!(_stack_start) as u32).saturating_sub(addr_of!(_stack_end) as u32)
+fn bottom() -> *mut u32 {
+    addr_of_mut!(__sheap)
 }
 
-/// Deepest use since power-up, bytes. Reads all that is left: some thousand
-/// instructions.
-#[must_use]
-pub fn used() -> u32 {
-    let end = addr_of!(_stack_start);
-    let mut word = addr_of!(_stack_end);
-    // SAFETY: the linker script sets both symbols to the bounds of the stack, a
-    // region of RAM, aligned to words; between them every word can be read, and
-    // as volatile it may change meanwhile.
-    while word < end && unsafe { read_volatile(word) } == STACK_PAINT_VALUE {
-        word = word.wrapping_add(1);
+fn top() -> *mut u32 {
+    addr_of_mut!(_stack_start)
+}
+
+/// Room for the stack, bytes.
+pub(crate) fn size() -> u32 {
+    top().addr().saturating_sub(bottom().addr()) as u32
+}
+
+/// Paints what is free now. The first thing that main does.
+pub(crate) fn paint() {
+    let mut place = bottom();
+    let end = cortex_m::register::msp::read() as usize - MARGIN;
+    while place.addr() < end {
+        // SAFETY: from the end of the static variables to well below the stack
+        // pointer: RAM that nothing uses yet.
+        unsafe {
+            place.write_volatile(PAINT);
+            place = place.add(1);
+        }
     }
-    (end as u32).saturating_sub(word as u32)
 }
 
-/// Whether an exception's frame at this address can be read.
-#[must_use]
-pub fn holds(address: u32, bytes: u32) -> bool {
-    let (low, high) = (addr_of!(_stack_end) as u32, addr_of!(_stack_start) as u32);
-    address >= low && address.checked_add(bytes).is_some_and(|end| end <= high)
+/// Deepest stack since power-up, bytes.
+pub(crate) fn used() -> u32 {
+    let mut place = bottom();
+    // SAFETY: RAM between the static variables and the stack's start, which was
+    // written by `paint` or by the stack; volatile, for the stack changes it.
+    while place < top() && unsafe { place.read_volatile() } == PAINT {
+        place = unsafe { place.add(1) };
+    }
+    top().addr().saturating_sub(place.addr()) as u32
 }

@@ -28,11 +28,6 @@ pub struct RunCounts {
     pub swaps: u32,
 }
 
-impl RunCounts {
-    const ZERO: Self =
-        Self { ticks: 0, missed: 0, overwritten: 0, overruns: 0, repeated: 0, swaps: 0 };
-}
-
 /// On what terms a run goes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Terms {
@@ -92,13 +87,14 @@ impl Default for Pilot<'_> {
 impl<'a> Pilot<'a> {
     /// Idle, without a policy, at 1 kHz on Earth.
     #[must_use]
-    pub const fn new() -> Self {
+    pub fn new() -> Self {
+        let limits = Limits::default();
         Self {
             running: None,
             config: Config {
-                tick_ns: 1_000_000_000 / USUAL_RATE_HZ as u64,
+                tick_ns: 1_000_000_000 / u64::from(USUAL_RATE_HZ),
                 gravity_m_s2: USUAL_GRAVITY_M_S2,
-                limits: Limits::USUAL,
+                limits,
             },
             terms: Terms { rate_hz: USUAL_RATE_HZ, gravity_m_s2: USUAL_GRAVITY_M_S2 },
             session: None,
@@ -106,7 +102,7 @@ impl<'a> Pilot<'a> {
             set_point_m_s: None,
             fresh: None,
             answered: None,
-            counts: RunCounts::ZERO,
+            counts: RunCounts::default(),
         }
     }
 
@@ -257,12 +253,6 @@ impl<'a> Pilot<'a> {
     #[must_use]
     pub fn counts(&self) -> &RunCounts {
         &self.counts
-    }
-
-    /// The last command given in this mode, and the turn that it answers.
-    #[must_use]
-    pub fn answered(&self) -> Option<&(u32, Command)> {
-        self.answered.as_ref()
     }
 
     /// On what terms the run goes.

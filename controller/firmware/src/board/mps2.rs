@@ -1,110 +1,102 @@
-//! ARM's MPS2 boards as QEMU emulates them: AN386 with a Cortex-M4F, AN500 with
-//! a Cortex-M7.
+//! MPS2 boards with the images AN386 (Cortex-M4F) and AN500 (Cortex-M7), as
+//! `qemu-system-arm` emulates them: 25 MHz, CMSDK UART 0, RAM for flash.
 //!
-//! Both have their RAM at the same addresses, five CMSDK UARTs and a clock of
-//! 25 MHz. Sources: ARM DAI 0386 and DAI 0500, and DDI 0479 for the UART.
+//! Registers: Arm DUI 0479C, "Cortex-M System Design Kit", APB UART.
 #![allow(unsafe_code)]
 
-use super::Board;
-use super::ram_flash::RamFlash;
-use crate::ceiling::LINE_PRIORITY;
-use crate::line;
+use controller::serial::slots::FlashFault;
 use cortex_m::interrupt::InterruptNumber;
 use cortex_m::peripheral::NVIC;
-use tock_registers::interfaces::{Readable, Writeable};
-use tock_registers::registers::ReadWrite;
-use tock_registers::{register_bitfields, register_structs};
+use cortex_m::peripheral::scb::SystemHandler;
 
-#[cfg(all(feature = "mps2-an386", feature = "mps2-an500"))]
-compile_error!("two boards: pass --no-default-features with any but mps2-an386");
+use super::{Board, FlashChip, core_peripherals, run_systick};
+use crate::line;
+use crate::pilot::{TICK_PRIORITY, UART_PRIORITY};
 
-/// Of processor, SysTick and UART.
-const CLOCK_HZ: u32 = 25_000_000;
-/// The emulator takes any; 16 is the least that the UART does.
-const BAUD_DIVISOR: u32 = 16;
+const CORE_HZ: u32 = 25_000_000;
 
-register_structs! {
-    /// CMSDK UART, DDI 0479 table 4-1.
-    Uart {
-        (0x00 => data: ReadWrite<u32>),
-        (0x04 => state: ReadWrite<u32, STATE::Register>),
-        (0x08 => control: ReadWrite<u32, CONTROL::Register>),
-        /// Reads which are pending, clears those written as 1.
-        (0x0c => interrupt: ReadWrite<u32, INTERRUPT::Register>),
-        (0x10 => baud_divisor: ReadWrite<u32>),
-        (0x14 => @END),
-    }
+/// The board.
+pub(crate) struct Mps2;
+
+/// Registers of the UART, in words from its base.
+#[derive(Clone, Copy)]
+#[repr(usize)]
+enum Uart {
+    Data = 0,
+    State = 1,
+    Control = 2,
+    InterruptClear = 3,
+    BaudDivider = 4,
 }
 
-register_bitfields![u32,
-    STATE [
-        TX_FULL OFFSET(0) NUMBITS(1) [],
-        RX_FULL OFFSET(1) NUMBITS(1) [],
-        RX_OVERRUN OFFSET(3) NUMBITS(1) []
-    ],
-    CONTROL [
-        TX_ENABLE OFFSET(0) NUMBITS(1) [],
-        RX_ENABLE OFFSET(1) NUMBITS(1) [],
-        TX_INTERRUPT OFFSET(2) NUMBITS(1) [],
-        RX_INTERRUPT OFFSET(3) NUMBITS(1) []
-    ],
-    INTERRUPT [
-        TX OFFSET(0) NUMBITS(1) [],
-        RX OFFSET(1) NUMBITS(1) []
-    ]
-];
+const UART_BASE: *mut u32 = 0x4000_4000 as *mut u32;
+/// State: there is no room to send.
+const TX_FULL: u32 = 1 << 0;
+/// State: a byte has come.
+const RX_FULL: u32 = 1 << 1;
+/// State: a byte has come and found no room. Cleared by writing it.
+const RX_OVERRUN: u32 = 1 << 3;
+/// Control: transmitter, receiver, and the interrupts of both.
+const ENABLE: u32 = 0b1111;
+/// Interrupt bits: transmit and receive.
+const TX_INTERRUPT: u32 = 1 << 0;
+const RX_INTERRUPT: u32 = 1 << 1;
+/// The emulator asks for at least 16, and has no wire whose speed it could set.
+const BAUD_DIVIDER: u32 = 16;
 
-fn uart() -> &'static Uart {
-    // SAFETY: UART 0 lies here on both boards, for good, and its registers are
-    // as the structure says; they may be used from any context.
-    unsafe { &*(0x4000_4000 as *const Uart) }
+impl Uart {
+    fn read(self) -> u32 {
+        // SAFETY: a register of the UART, which is there on both boards.
+        unsafe { UART_BASE.add(self as usize).read_volatile() }
+    }
+
+    fn write(self, word: u32) {
+        // SAFETY: as above; no register of it touches memory.
+        unsafe { UART_BASE.add(self as usize).write_volatile(word) }
+    }
 }
 
 /// Interrupts of UART 0.
 #[derive(Clone, Copy)]
-enum Irq {
+#[repr(u16)]
+enum Interrupt {
     Receive = 0,
-    Send = 1,
+    Transmit = 1,
 }
 
-// SAFETY: the numbers are those of the board, and below those of its table.
-unsafe impl InterruptNumber for Irq {
+// SAFETY: these are the numbers of the two interrupts on both boards.
+unsafe impl InterruptNumber for Interrupt {
     fn number(self) -> u16 {
         self as u16
     }
 }
 
-/// The vectors of the interrupts that are enabled.
+/// Those that the firmware uses; the others are never enabled.
 #[unsafe(link_section = ".vector_table.interrupts")]
 #[unsafe(no_mangle)]
-static __INTERRUPTS: [unsafe extern "C" fn(); 2] = [receive, send];
+static __INTERRUPTS: [extern "C" fn(); 2] = [receive, transmit];
 
 extern "C" fn receive() {
-    let uart = uart();
-    // First: a byte that comes from now on brings the interrupt about again.
-    uart.interrupt.write(INTERRUPT::RX::SET);
-    while uart.state.is_set(STATE::RX_FULL) {
-        line::received(uart.data.get() as u8);
-    }
-    if uart.state.is_set(STATE::RX_OVERRUN) {
-        uart.state.write(STATE::RX_OVERRUN::SET);
-        line::lost();
-    }
-}
-
-/// Also brought about by software, when there is something to send.
-extern "C" fn send() {
-    let uart = uart();
-    uart.interrupt.write(INTERRUPT::TX::SET);
-    while !uart.state.is_set(STATE::TX_FULL) {
-        let Some(byte) = line::to_send() else { break };
-        uart.data.set(u32::from(byte));
+    Uart::InterruptClear.write(RX_INTERRUPT);
+    loop {
+        let state = Uart::State.read();
+        if state & RX_OVERRUN != 0 {
+            Uart::State.write(RX_OVERRUN);
+            line::overrun();
+        }
+        if state & RX_FULL == 0 {
+            return;
+        }
+        line::received(Uart::Data.read() as u8);
     }
 }
 
-/// Either board.
-pub struct Mps2 {
-    flash: RamFlash,
+extern "C" fn transmit() {
+    Uart::InterruptClear.write(TX_INTERRUPT);
+    while Uart::State.read() & TX_FULL == 0 {
+        let Some(byte) = line::to_send() else { return };
+        Uart::Data.write(byte.into());
+    }
 }
 
 impl Board for Mps2 {
@@ -113,54 +105,59 @@ impl Board for Mps2 {
     #[cfg(feature = "mps2-an500")]
     const NAME: &'static str = "mps2-an500";
 
-    type Flash = RamFlash;
-
-    fn power_up() -> Self {
-        let uart = uart();
-        uart.baud_divisor.set(BAUD_DIVISOR);
-        uart.control.write(
-            CONTROL::TX_ENABLE::SET
-                + CONTROL::RX_ENABLE::SET
-                + CONTROL::TX_INTERRUPT::SET
-                + CONTROL::RX_INTERRUPT::SET,
-        );
-        for irq in [Irq::Receive, Irq::Send] {
-            // SAFETY: `Peripherals::take` has no say in the NVIC's priority of
-            // these two, which nobody else sets; both handlers share nothing
-            // but rings, each as its only reader or writer.
-            unsafe {
-                (*NVIC::PTR).ipr.get(irq as usize).inspect(|ipr| ipr.write(LINE_PRIORITY));
-                NVIC::unmask(irq);
+    fn power_up() {
+        let mut core = core_peripherals();
+        // SAFETY: the ceiling of the pilot is the tick's priority, and the UART
+        // is above it; no lock relies on anything else.
+        unsafe {
+            core.SCB.set_priority(SystemHandler::SysTick, TICK_PRIORITY);
+            for interrupt in [Interrupt::Receive, Interrupt::Transmit] {
+                core.NVIC.set_priority(interrupt, UART_PRIORITY);
+                NVIC::unmask(interrupt);
             }
         }
-        // A byte that the UART held before raises nothing by itself.
-        NVIC::pend(Irq::Receive);
-        // SAFETY: the linker script keeps this RAM free, and there is one board.
-        Self { flash: unsafe { RamFlash::at([0x10_0000, 0x10_4000]) } }
-    }
-
-    fn clock_hz(&self) -> u32 {
-        CLOCK_HZ
-    }
-
-    fn policy_flash(self) -> RamFlash {
-        self.flash
+        Uart::BaudDivider.write(BAUD_DIVIDER);
+        Uart::Control.write(ENABLE);
+        // Bytes that came before this are with the emulator, which looks for
+        // them again only after a read; and one that is in the register
+        // already raises no interrupt.
+        let _ = Uart::Data.read();
+        NVIC::pend(Interrupt::Receive);
     }
 
     fn start_sending() {
-        NVIC::pend(Irq::Send);
+        NVIC::pend(Interrupt::Transmit);
     }
 
-    fn send_now(byte: u8) -> bool {
-        // At any baud rate worth the name a byte is gone by then.
-        let is_free = (0..1_000_000).any(|_| !uart().state.is_set(STATE::TX_FULL));
-        if is_free {
-            uart().data.set(u32::from(byte));
+    fn send_polled(byte: u8) {
+        while Uart::State.read() & TX_FULL != 0 {}
+        Uart::Data.write(byte.into());
+    }
+
+    fn set_tick_rate(rate_hz: u32) {
+        run_systick(CORE_HZ, rate_hz);
+    }
+
+    fn end(status: u8) -> ! {
+        semihosting::process::exit(status.into())
+    }
+}
+
+impl FlashChip for Mps2 {
+    const ERASE_STALLS: bool = false;
+
+    unsafe fn erase(start: *mut u32, words: usize) -> Result<(), FlashFault> {
+        for index in 0..words {
+            // SAFETY: a word of the slot; RAM on these boards.
+            unsafe { start.add(index).write_volatile(u32::MAX) };
         }
-        is_free
+        Ok(())
     }
 
-    fn stop(status: u8) -> ! {
-        semihosting::process::exit(i32::from(status))
+    unsafe fn program(place: *mut u32, word: u32) -> Result<(), FlashFault> {
+        // As flash does it: bits only go from 1 to 0.
+        // SAFETY: a word of the slot; RAM on these boards.
+        unsafe { place.write_volatile(place.read_volatile() & word) };
+        Ok(())
     }
 }
