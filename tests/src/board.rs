@@ -43,11 +43,20 @@ impl Board {
     /// # Errors
     /// When it does not build.
     pub fn build(self) -> Result<Image> {
+        self.build_with("")
+    }
+
+    /// As [`Self::build`], with features of the firmware beside the board's,
+    /// separated by commas.
+    ///
+    /// # Errors
+    /// When it does not build.
+    pub fn build_with(self, features: &str) -> Result<Image> {
         // A folder each: changing boards does not build anew.
-        let target = root().join("target/firmware").join(self.name);
+        let target = root().join("target/firmware").join(self.name).join(features);
         let status = Command::new(env!("CARGO"))
             .args(["build", "--quiet", "--release", "--no-default-features", "--features"])
-            .arg(self.name)
+            .arg(format!("{},{features}", self.name))
             .arg("--target-dir")
             .arg(&target)
             // The folder of the firmware has the target and the link arguments.

@@ -37,7 +37,7 @@ impl Emulator {
         let mut command = Command::new(EMULATOR);
         command
             .args(["-machine", image.board.machine])
-            .args(["-display", "none", "-monitor", "none", "-nodefaults"])
+            .args(["-display", "none", "-monitor", "none", "-nodefaults", "-net", "none"])
             .args(["-semihosting-config", "enable=on,target=native"])
             .arg("-serial")
             .arg(format!("unix:{},server=on,wait=off", uart.display()))

@@ -259,7 +259,10 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
     }
 
     /// Off the control path: whether the peer this end is connected to is still there.
-    fn check_peer(&self) -> Result<(), LinkError> {
+    ///
+    /// # Errors
+    /// [`LinkError`] when it is not, or this process was told to stop.
+    pub fn check_peer(&self) -> Result<(), LinkError> {
         if self.stop.is_raised() {
             return Err(LinkError::Stopped);
         }

@@ -119,15 +119,14 @@ fn check_figures(
         ("weights", &[weights]),
     ];
     for (field, figures) in finite {
-        if !figures.iter().copied().flatten().all(|x| x.is_finite()) {
+        if !figures.iter().all(|figures| all_finite(figures)) {
             return Err(ParseError::NonFinite(field));
         }
     }
     let vector_is_finite = |v: &TestVector| {
         let (o, a) = (&v.observation, &v.action);
-        [o.apex_vx_m_s, o.apex_y_m, o.density_ratio, a.touchdown_angle_rad, a.elongation_speed_m_s]
-            .iter()
-            .all(|x| x.is_finite())
+        let observation = [o.apex_vx_m_s, o.apex_y_m, o.density_ratio];
+        all_finite(&observation) && all_finite(&[a.touchdown_angle_rad, a.elongation_speed_m_s])
     };
     if !vectors.iter().all(vector_is_finite) {
         return Err(ParseError::NonFinite("test vectors"));
@@ -159,12 +158,16 @@ fn check_figures(
     check_gains(manifest)
 }
 
+/// Once in an image.
+#[inline(never)]
+fn all_finite(figures: &[f32]) -> bool {
+    figures.iter().all(|x| x.is_finite())
+}
+
 fn check_gains(manifest: &Manifest<'_>) -> Result<(), ParseError> {
     let gains = &manifest.gains;
     let finite = |p: &super::GainPoint| {
-        [p.density_ratio, p.kp, p.ki, p.kd, p.feed_forward, p.limit_m_s]
-            .iter()
-            .all(|x| x.is_finite())
+        all_finite(&[p.density_ratio, p.kp, p.ki, p.kd, p.feed_forward, p.limit_m_s])
     };
     if !gains.iter().all(finite) {
         return Err(ParseError::NonFinite("cascade gains"));

@@ -5,6 +5,7 @@
 //! other failure, a leg that falls among them.
 
 mod apex;
+mod bridge;
 mod run;
 mod shore;
 
@@ -32,6 +33,8 @@ enum Command {
     Run(Box<run::Args>),
     /// Be the controller: as the `controller` program.
     Controller(controller::host::cli::Call),
+    /// Be the controller by way of a flashed one, on a serial line.
+    Bridge(Box<bridge::Args>),
     /// Take hops: from one apex to the next, for each row of a CSV file.
     Apex(apex::Args),
 }
@@ -43,6 +46,7 @@ pub fn main() -> ExitCode {
     let outcome = match program.command {
         None => shore::main(&program.shore),
         Some(Command::Run(args)) => run::main(&args),
+        Some(Command::Bridge(args)) => bridge::main(&args),
         Some(Command::Apex(args)) => apex::main(&args),
         Some(Command::Controller(args)) => return controller::host::cli::main(&args),
     };

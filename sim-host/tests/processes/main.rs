@@ -1,5 +1,6 @@
 //! Real processes over real shared memory: meeting, parting, and dying.
 
+mod bridge;
 mod place;
 
 use std::fs;

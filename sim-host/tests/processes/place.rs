@@ -52,7 +52,8 @@ impl Place {
         program
     }
 
-    fn start(&self, command: &str, arguments: &[&str]) -> Running {
+    /// Any command of the program.
+    pub(crate) fn start(&self, command: &str, arguments: &[&str]) -> Running {
         Running(Some(self.program(command, arguments).spawn().expect("start")))
     }
 

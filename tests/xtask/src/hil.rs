@@ -60,16 +60,14 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 
     let domain = format!("hil-{}", std::process::id());
     let mut bridge = Running::start(
-        Command::new(&sim_host)
-            .arg("bridge")
-            .args(target.port())
-            .args(["--domain", &domain, "--json"]),
+        Command::new(&sim_host).arg("bridge").args(target.port()).args(["--domain", &domain]),
     )?;
     let over_the_line = scenario(&sim_host, args.ticks, &["--domain", &domain])?;
-    let line = bridge.json("the bridge")?;
+    let line = bridge.output("the bridge")?;
     let policy = policy.display().to_string();
     let here = scenario(&sim_host, args.ticks, &["--in-process", "--policy", &policy])?;
-    report(&over_the_line, &line, &here);
+    report(&over_the_line, &here);
+    print!("\n{line}");
 
     ensure!(
         args.serial.is_some() || over_the_line["state_hash"] == here["state_hash"],
@@ -129,7 +127,7 @@ fn scenario(sim_host: &Path, ticks: Option<u64>, more: &[&str]) -> Result<Value>
     if let Some(ticks) = ticks {
         command.args(["--duration", &(ticks as f64 / RATE_HZ as f64).to_string()]);
     }
-    Running::start(&mut command)?.json("the simulator")
+    object(&Running::start(&mut command)?.output("the simulator")?)
 }
 
 /// A program whose result is wanted; ended when dropped.
@@ -145,13 +143,18 @@ impl Running {
         Ok(Self(Some(child)))
     }
 
-    /// Waits for its end; the object that it printed.
-    fn json(&mut self, who: &str) -> Result<Value> {
+    /// Waits for its end; what it printed.
+    fn output(&mut self, who: &str) -> Result<String> {
         let child = self.0.take().context("asked twice")?;
         let output = child.wait_with_output().with_context(|| format!("cannot wait for {who}"))?;
         ensure!(output.status.success(), "{who} ended with {}", output.status);
-        serde_json::from_slice(&output.stdout).with_context(|| format!("{who} printed no result"))
+        Ok(String::from_utf8_lossy(&output.stdout).into_owned())
     }
+}
+
+/// The one object that a program printed.
+fn object(text: &str) -> Result<Value> {
+    serde_json::from_str(text).with_context(|| format!("no result in `{text}`"))
 }
 
 impl Drop for Running {
@@ -163,7 +166,7 @@ impl Drop for Running {
     }
 }
 
-fn report(run: &Value, line: &Value, here: &Value) {
+fn report(run: &Value, here: &Value) {
     let number = |value: &Value| value.as_f64().map_or("-".into(), |x| format!("{x}"));
     println!("{:>24}  {:>18}  {:>18}", "", "flashed controller", "in one process");
     for key in ["ticks", "sim_time_s", "distance_m", "hops", "falls", "safe_ticks", "rejected"] {
@@ -172,5 +175,4 @@ fn report(run: &Value, line: &Value, here: &Value) {
     let text = |value: &Value| value.as_str().unwrap_or("-").to_owned();
     let hash = "state_hash";
     println!("{hash:>24}  {:>18}  {:>18}", text(&run[hash]), text(&here[hash]));
-    println!("\nthe line: {line:#}");
 }

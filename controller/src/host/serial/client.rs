@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 
 use super::faults;
+use super::identity::Who;
 use super::line::{Came, Line, framed};
 use super::pending::{Pace, Pending};
 use super::stream::ByteStream;
@@ -17,8 +18,7 @@ use crate::host::Stop;
 use crate::serial::PROTOCOL_VERSION;
 use crate::serial::frame::FrameFault;
 use crate::serial::message::{
-    Alarm, Identity, LineCounts, Mode, PolicyReport, Refusal, Reply, Request, SlotReport,
-    Statistics, ToController, ToHost,
+    Alarm, LineCounts, Refusal, Reply, Request, SlotReport, Statistics, ToController, ToHost,
 };
 use crate::wire::{Command, Sample};
 
@@ -104,7 +104,9 @@ pub struct Counts {
     pub replies: u64,
     /// Requests said again.
     pub request_retries: u64,
-    /// Commands and replies to nothing that is unanswered: said twice, or too late.
+    /// Commands for a sample that was answered before.
+    pub repeats: u64,
+    /// Commands and replies to what nobody waits for any more.
     pub stale: u64,
 }
 
@@ -113,12 +115,39 @@ pub struct Counts {
 pub enum Heard {
     /// Nothing new in that time.
     Nothing,
-    /// The command for the sample posted last.
-    Command(Command),
+    /// A command for a sample that was posted, and for none older than that of
+    /// the command before.
+    Command {
+        /// Number of its sample.
+        turn: u32,
+        /// The command.
+        command: Command,
+        /// Whether the command before was for the same sample: an answer given
+        /// twice or, live, the next tick's without a new sample.
+        again: bool,
+    },
     /// The reply to the request posted last; it is at [`Client::reply`].
     Reply,
     /// An alarm.
     Alarm(Alarm),
+}
+
+/// The turns of which a command is taken.
+#[derive(Clone, Copy, Debug)]
+struct OpenTurns {
+    /// That of the last command; at first, of the first sample.
+    from: u32,
+    /// That of the newest sample.
+    to: u32,
+    /// Whether there has been a command for `from`.
+    answered: bool,
+}
+
+impl OpenTurns {
+    fn contains(self, turn: u32) -> bool {
+        // The numbers may wrap around.
+        turn.wrapping_sub(self.from) <= self.to.wrapping_sub(self.from)
+    }
 }
 
 /// The host's end of the line.
@@ -126,6 +155,9 @@ pub struct Client {
     line: Line,
     turn: Option<Pending>,
     turn_pace: Pace,
+    /// Whether the sample answered last was said more than once.
+    was_said_again: bool,
+    open: Option<OpenTurns>,
     request: Option<Pending>,
     request_pace: Pace,
     next_id: u32,
@@ -144,6 +176,8 @@ impl Client {
             line: Line::new(stream),
             turn: None,
             turn_pace: Pace::new(),
+            was_said_again: false,
+            open: None,
             request: None,
             request_pace: Pace::new(),
             // The last program's last number must not be this one's first.
@@ -158,7 +192,7 @@ impl Client {
     /// counters are not.
     pub fn replace_stream(&mut self, stream: Box<dyn ByteStream>) {
         self.line.replace(stream);
-        (self.turn, self.request) = (None, None);
+        (self.turn, self.open, self.request) = (None, None, None);
         (self.turn_pace, self.request_pace) = (Pace::new(), Pace::new());
     }
 
@@ -174,20 +208,22 @@ impl Client {
         self.line.counts()
     }
 
-    /// Sends a sample, in place of one that is unanswered.
+    /// From now on waits do not end when the stop is raised: for what has to be
+    /// said before leaving.
+    pub fn disregard_stop(&mut self) {
+        self.stop = Stop::default();
+    }
+
+    /// Sends a sample, in place of one that is unanswered. Turns ascend.
     ///
     /// # Errors
     /// [`ClientError::Line`].
     pub fn post_sample(&mut self, turn: u32, sample: &Sample) -> Result<(), ClientError> {
+        let first = OpenTurns { from: turn, to: turn, answered: false };
+        self.open = Some(self.open.map_or(first, |open| OpenTurns { to: turn, ..open }));
         let frame = frame_of(&ToController::Sample { turn, sample: *sample });
-        self.turn = Some(Pending::new(turn, frame, &self.turn_pace));
-        say(&mut self.line, self.turn.as_ref(), &mut self.counts)
-    }
-
-    /// For how long the sample posted last has been unanswered.
-    #[must_use]
-    pub fn sample_age(&self) -> Option<Duration> {
-        self.turn.as_ref().map(Pending::age)
+        let pending = self.turn.insert(Pending::new(turn, frame, &self.turn_pace));
+        say(&mut self.line, pending, &mut self.counts)
     }
 
     /// Sends a request, in place of one that is unanswered.
@@ -198,8 +234,8 @@ impl Client {
         let id = self.next_id;
         self.next_id = id.wrapping_add(1);
         let frame = frame_of(&ToController::Request { id, request: *request });
-        self.request = Some(Pending::new(id, frame, &self.request_pace));
-        say(&mut self.line, self.request.as_ref(), &mut self.counts)
+        let pending = self.request.insert(Pending::new(id, frame, &self.request_pace));
+        say(&mut self.line, pending, &mut self.counts)
     }
 
     /// For how long the request posted last has been unanswered.
@@ -240,34 +276,33 @@ impl Client {
     }
 
     fn say_what_is_due(&mut self) -> Result<(), ClientError> {
-        if self.turn.as_ref().is_some_and(|turn| turn.wait().is_zero()) {
-            self.say_turn_again()?;
+        if let Some(turn) = self.turn.as_mut().filter(|turn| turn.wait().is_zero()) {
+            turn.said_again_after_silence();
+            self.counts.sample_retries += 1;
+            say(&mut self.line, turn, &mut self.counts)?;
         }
-        if self.request.as_ref().is_some_and(|request| request.wait().is_zero()) {
-            self.say_request_again()?;
+        if let Some(request) = self.request.as_mut().filter(|request| request.wait().is_zero()) {
+            request.said_again_after_silence();
+            self.counts.request_retries += 1;
+            say(&mut self.line, request, &mut self.counts)?;
         }
         Ok(())
     }
 
-    fn say_turn_again(&mut self) -> Result<(), ClientError> {
-        self.counts.sample_retries += u64::from(self.turn.is_some());
-        self.turn.iter_mut().for_each(Pending::said_again);
-        say(&mut self.line, self.turn.as_ref(), &mut self.counts)
-    }
-
-    fn say_request_again(&mut self) -> Result<(), ClientError> {
-        self.counts.request_retries += u64::from(self.request.is_some());
-        self.request.iter_mut().for_each(Pending::said_again);
-        say(&mut self.line, self.request.as_ref(), &mut self.counts)
-    }
-
-    /// When only one answer is waited for, that was it: no need to wait on.
+    /// A damaged frame. When only one answer is waited for, that was it: no
+    /// need to wait on.
     fn answer_was_damaged(&mut self) -> Result<(), ClientError> {
-        match (&self.turn, &self.request) {
-            (Some(_), None) => self.say_turn_again(),
-            (None, Some(_)) => self.say_request_again(),
-            _ => Ok(()),
+        let (pending, retries) = match (&mut self.turn, &mut self.request) {
+            (Some(turn), None) => (turn, &mut self.counts.sample_retries),
+            (None, Some(request)) => (request, &mut self.counts.request_retries),
+            _ => return Ok(()),
+        };
+        if !pending.may_be_answered() {
+            return Ok(());
         }
+        pending.said_again();
+        *retries += 1;
+        say(&mut self.line, pending, &mut self.counts)
     }
 
     fn take(&mut self) -> Heard {
@@ -275,8 +310,17 @@ impl Client {
             Some(ToHost::Command { turn, command }) => {
                 if let Some(pending) = self.turn.take_if(|pending| pending.number == turn) {
                     pending.answered(&mut self.turn_pace);
-                    self.counts.commands += 1;
-                    return Heard::Command(command);
+                    self.was_said_again = pending.was_said_again();
+                }
+                if let Some(open) = self.open.filter(|open| open.contains(turn)) {
+                    let again = open.answered && open.from == turn;
+                    self.open = Some(OpenTurns { from: turn, answered: true, ..open });
+                    self.counts.commands += u64::from(!again);
+                    self.counts.repeats += u64::from(again);
+                    if again && self.was_said_again {
+                        self.turn_pace.was_too_soon();
+                    }
+                    return Heard::Command { turn, command, again };
                 }
             }
             Some(ToHost::Reply { id, .. }) => {
@@ -322,7 +366,7 @@ impl Client {
             match self.listen(patience)? {
                 Heard::Reply => break,
                 Heard::Alarm(alarm @ Alarm::Crash(_)) => return Err(ClientError::Alarm(alarm)),
-                Heard::Alarm(Alarm::NoPolicy { .. }) | Heard::Command(_) | Heard::Nothing => (),
+                Heard::Alarm(Alarm::NoPolicy { .. }) | Heard::Command { .. } | Heard::Nothing => (),
             }
             let waited = begun.elapsed();
             if waited >= patience {
@@ -398,11 +442,9 @@ fn frame_of(message: &ToController<'_>) -> Vec<u8> {
     framed(message).unwrap_or_default()
 }
 
-fn say(line: &mut Line, message: Option<&Pending>, counts: &mut Counts) -> Result<(), ClientError> {
-    if let Some(message) = message {
-        line.send(&message.frame)?;
-        counts.frames_out += 1;
-    }
+fn say(line: &mut Line, message: &Pending, counts: &mut Counts) -> Result<(), ClientError> {
+    line.send(&message.frame)?;
+    counts.frames_out += 1;
     Ok(())
 }
 
@@ -412,61 +454,4 @@ pub fn random_u32() -> u32 {
     use std::hash::{BuildHasher, Hasher};
     // The standard library's maps are seeded by the system.
     std::collections::hash_map::RandomState::new().build_hasher().finish() as u32
-}
-
-/// [`Identity`], to keep.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Who {
-    /// [`crate::wire::WIRE_VERSION`] of the controller.
-    pub wire_version: u16,
-    /// The board.
-    pub board: String,
-    /// Version of the firmware.
-    pub firmware: String,
-    /// Of the last reset; none since power-up.
-    pub session: Option<u32>,
-    /// How ticks come about.
-    pub mode: Mode,
-    /// Ticks a second, Hz.
-    pub rate_hz: u32,
-    /// Gravity, m/s2.
-    pub gravity_m_s2: f32,
-    /// The policy that runs.
-    pub policy: Option<WhichPolicy>,
-}
-
-/// [`PolicyReport`], to keep.
-#[derive(Clone, Debug, PartialEq)]
-pub struct WhichPolicy {
-    /// Its slot.
-    pub slot: crate::serial::message::Slot,
-    /// Its name.
-    pub name: String,
-    /// The blob's checksum.
-    pub crc32: u32,
-    /// The leg it was trained on, by its fingerprint.
-    pub leg: u32,
-}
-
-impl From<&Identity<'_>> for Who {
-    fn from(identity: &Identity<'_>) -> Self {
-        let Identity {
-            wire_version,
-            board,
-            firmware,
-            session,
-            mode,
-            rate_hz,
-            gravity_m_s2,
-            policy,
-        } = *identity;
-        let policy = policy.map(|PolicyReport { slot, name, crc32, leg }| WhichPolicy {
-            slot,
-            name: name.to_owned(),
-            crc32,
-            leg,
-        });
-        let (board, firmware) = (board.to_owned(), firmware.to_owned());
-        Self { wire_version, board, firmware, session, mode, rate_hz, gravity_m_s2, policy }
-    }
 }

@@ -7,8 +7,9 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
-use super::client::{Client, ClientError, HELLO_PATIENCE, WhichPolicy, Who};
+use super::client::{Client, ClientError, HELLO_PATIENCE};
 use super::faults;
+use super::identity::{WhichPolicy, Who};
 use super::stream::{EndpointArgs, OpenError};
 use super::upload::{Progress, roll_back, upload};
 use super::virtual_board::VirtualBoard;

@@ -11,6 +11,7 @@
 pub mod client;
 pub mod commands;
 pub mod faults;
+pub mod identity;
 mod line;
 mod noise;
 mod pending;
@@ -19,6 +20,10 @@ pub mod upload;
 pub mod virtual_board;
 
 pub use client::{Client, ClientError, Counts, Heard};
+pub use identity::{WhichPolicy, Who};
 pub use noise::Noisy;
 pub use stream::{ByteStream, Endpoint, OpenError};
 pub use virtual_board::VirtualBoard;
+
+#[cfg(test)]
+mod tests;

@@ -6,12 +6,12 @@ use std::time::{Duration, Instant};
 /// at 115,200 baud in 10.
 const FIRST: Duration = Duration::from_millis(20);
 /// Soonest: a process on this machine may be away for as long.
-const SOONEST: Duration = Duration::from_micros(500);
+const SOONEST: Duration = Duration::from_micros(250);
 /// Latest: a controller that was away is back in the run so soon.
 const LATEST: Duration = Duration::from_millis(250);
 /// So many times at the same interval, for noise; then at growing ones, for a
 /// controller that is busy or gone.
-const EVEN_TRIES: u32 = 6;
+const EVEN_TRIES: u32 = 8;
 
 /// When to say a message again: learnt from the round trips, after Jacobson
 /// and Karels (RFC 6298).
@@ -27,21 +27,33 @@ impl Pace {
         Self { smooth: None, spread: Duration::ZERO, interval: FIRST }
     }
 
-    /// Learns from a message that was answered: by its round trip when it was
-    /// said once. Said again, nobody knows which saying was answered; then the
-    /// interval stays as it has grown (Karn).
+    /// Learns the round trip of a message that was said once. Of one said
+    /// again nobody knows which saying was answered (Karn): it teaches nothing,
+    /// but at the very start, that the first guess was too short.
     fn learn(&mut self, answered: &Pending) {
         if answered.tries > 1 {
-            self.interval = answered.interval;
+            if self.smooth.is_none() {
+                self.interval = answered.interval;
+            }
             return;
         }
         let took = answered.first.elapsed();
         let smooth = self.smooth.unwrap_or(took);
         let spread = if self.smooth.is_some() { self.spread } else { took / 2 };
         self.spread = (spread * 3 + smooth.abs_diff(took)) / 4;
-        let smooth = (smooth * 7 + took) / 8;
+        self.set_smooth((smooth * 7 + took) / 8);
+    }
+
+    fn set_smooth(&mut self, smooth: Duration) {
         self.smooth = Some(smooth);
         self.interval = (smooth + 4 * self.spread).clamp(SOONEST, LATEST);
+    }
+
+    /// A message said again was answered twice, so it was said again too soon.
+    pub(super) fn was_too_soon(&mut self) {
+        if let Some(smooth) = self.smooth {
+            self.set_smooth(LATEST.min(smooth + smooth / 4));
+        }
     }
 }
 
@@ -51,31 +63,52 @@ pub(super) struct Pending {
     pub(super) number: u32,
     pub(super) frame: Vec<u8>,
     first: Instant,
-    due: Instant,
+    last: Instant,
     interval: Duration,
+    /// No answer can be here sooner after the last saying.
+    soonest: Duration,
     tries: u32,
+    /// Of the tries, those after a silence.
+    silences: u32,
 }
 
 impl Pending {
     /// Said for the first time, now.
     pub(super) fn new(number: u32, frame: Vec<u8>, pace: &Pace) -> Self {
         let now = Instant::now();
+        let soonest = pace.smooth.unwrap_or_default() / 2;
         let interval = pace.interval;
-        Self { number, frame, first: now, due: now + interval, interval, tries: 1 }
+        Self { number, frame, first: now, last: now, interval, soonest, tries: 1, silences: 0 }
     }
 
     /// How long until it is to be said again.
     pub(super) fn wait(&self) -> Duration {
-        self.due.saturating_duration_since(Instant::now())
+        self.interval.saturating_sub(self.last.elapsed())
+    }
+
+    /// It is being said again, after no answer in time.
+    pub(super) fn said_again_after_silence(&mut self) {
+        self.silences += 1;
+        if self.silences > EVEN_TRIES {
+            self.interval = LATEST.min(self.interval * 2);
+        }
+        self.said_again();
     }
 
     /// It is being said again.
     pub(super) fn said_again(&mut self) {
         self.tries += 1;
-        if self.tries > EVEN_TRIES {
-            self.interval = LATEST.min(self.interval * 2);
-        }
-        self.due = Instant::now() + self.interval;
+        self.last = Instant::now();
+    }
+
+    /// Whether what comes now may well be its answer.
+    pub(super) fn may_be_answered(&self) -> bool {
+        self.last.elapsed() >= self.soonest
+    }
+
+    /// Whether it was said more than once.
+    pub(super) fn was_said_again(&self) -> bool {
+        self.tries > 1
     }
 
     /// Since it was first said.
@@ -118,18 +151,34 @@ mod tests {
     #[test]
     fn noise_is_met_evenly_and_silence_ever_more_slowly() {
         let mut pending = Pending::new(1, Vec::new(), &Pace::new());
-        let intervals: Vec<_> = (0..12)
+        let intervals: Vec<_> = (0..14)
             .map(|_| {
-                pending.said_again();
+                pending.said_again_after_silence();
                 pending.interval
             })
             .collect();
-        assert!(intervals[..5].iter().all(|interval| *interval == FIRST), "{intervals:?}");
-        assert!(intervals[5..8].is_sorted_by(|a, b| a < b), "{intervals:?}");
-        assert_eq!(intervals[11], LATEST);
-        // What was said more than once teaches how patient to be, and no round trip.
+        assert!(intervals[..8].iter().all(|interval| *interval == FIRST), "{intervals:?}");
+        assert!(intervals[7..11].is_sorted_by(|a, b| a < b), "{intervals:?}");
+        assert_eq!(intervals[13], LATEST);
+        // The first message of all, said often, teaches how patient to be; a later one nothing.
         let mut pace = Pace::new();
         pending.answered(&mut pace);
         assert_eq!((pace.interval, pace.smooth), (LATEST, None));
+        waited(1, Duration::from_millis(10)).answered(&mut pace);
+        let learnt = pace.interval;
+        pending.answered(&mut pace);
+        assert_eq!(pace.interval, learnt);
+    }
+
+    #[test]
+    fn an_answer_given_twice_makes_it_more_patient() {
+        let mut pace = Pace::new();
+        pace.was_too_soon();
+        assert_eq!(pace.interval, FIRST, "nothing was learnt yet");
+        for _ in 0..100 {
+            waited(1, Duration::from_micros(50)).answered(&mut pace);
+        }
+        (0..30).for_each(|_| pace.was_too_soon());
+        assert!(pace.interval > Duration::from_millis(10), "{:?}", pace.interval);
     }
 }

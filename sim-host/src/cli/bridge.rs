@@ -1,0 +1,112 @@
+//! `sim-host bridge`.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use controller::control::Config;
+use controller::host::Stop;
+use controller::host::cli::Meeting;
+use controller::host::domain::DomainError;
+use controller::host::serial::stream::EndpointArgs;
+use controller::host::serial::{ByteStream, Noisy, OpenError};
+use controller::host::shm::ConnectError;
+use controller::serial::message::Mode;
+
+use super::misuse;
+use crate::bridge::{self, BridgeError, Dial, OnUnplug, Options, RunTerms};
+
+/// Be the controller by way of a flashed one: pass the simulator's samples to a
+/// serial line, and the commands back.
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    #[command(flatten)]
+    endpoint: EndpointArgs,
+    /// Ticks a second; the simulator's must be the same.
+    #[arg(long, value_name = "HZ", default_value_t = 1000, allow_negative_numbers = true)]
+    rate: u32,
+    /// Gravity where the leg is, m/s2; the simulator's must be the same.
+    #[arg(long, value_name = "M_S2", default_value_t = 9.81, allow_negative_numbers = true)]
+    gravity: f32,
+    #[command(flatten)]
+    meeting: Meeting,
+    /// How the controller's ticks come about.
+    #[arg(long, value_enum, default_value_t)]
+    mode: ModeArg,
+    /// When the line breaks: open it again and go on, or end with an error.
+    #[arg(long, value_enum, default_value_t, value_name = "WHAT")]
+    on_unplug: OnUnplug,
+    /// Take others' requests meanwhile on this unix socket:
+    /// `controller policy upload --unix PATH …`.
+    #[arg(long, value_name = "PATH")]
+    share: Option<PathBuf>,
+    /// Fault injection: damage this fraction of the bytes, both ways.
+    #[arg(long, value_name = "FRACTION", value_parser = parse_fraction, allow_negative_numbers = true)]
+    noise: Option<f64>,
+    /// Which bytes --noise damages.
+    #[arg(long, value_name = "SEED", default_value_t = 1, requires = "noise")]
+    noise_seed: u64,
+    /// Print the result as one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, Debug, Default, clap::ValueEnum)]
+enum ModeArg {
+    /// Each sample is a tick, and simulated time waits for its command.
+    #[default]
+    LockStep,
+    /// The board's timer is the tick, and the newest sample counts.
+    Live,
+}
+
+fn parse_fraction(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(fraction) if (0.0..=0.5).contains(&fraction) => Ok(fraction),
+        _ => Err("it must be a number from 0 to 0.5".into()),
+    }
+}
+
+pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
+    Config::at_rate(args.rate)
+        .and_then(|config| config.with_gravity(args.gravity))
+        .map_err(misuse)?;
+    let options = Options {
+        terms: RunTerms {
+            rate_hz: args.rate,
+            gravity_m_s2: args.gravity,
+            mode: match args.mode {
+                ModeArg::LockStep => Mode::LockStep,
+                ModeArg::Live => Mode::Live,
+            },
+        },
+        domain: args.meeting.domain().to_owned(),
+        timeout: args.meeting.timeout,
+        on_unplug: args.on_unplug,
+        share: args.share.clone(),
+    };
+    let stop = Stop::on_signals()?;
+    let tell = |notice: &bridge::Notice| eprintln!("sim-host: {notice}");
+    let report = bridge::run(&options, dial(args), Box::new(tell), &stop).map_err(|error| {
+        if matches!(error, BridgeError::Connect(ConnectError::Domain(DomainError::Name(_)))) {
+            return misuse(error);
+        }
+        error.into()
+    })?;
+    if args.json {
+        println!("{}", serde_json::to_string(&report)?);
+    } else {
+        println!("{report}");
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Opens the line, each time with other noise if there is to be any.
+fn dial(args: &Args) -> Dial {
+    let (endpoint, noise, mut seed) = (args.endpoint.endpoint(), args.noise, args.noise_seed);
+    Box::new(move || -> Result<Box<dyn ByteStream>, OpenError> {
+        let stream = endpoint.open()?;
+        let Some(share) = noise else { return Ok(stream) };
+        seed = seed.wrapping_add(1);
+        Ok(Box::new(Noisy::new(stream, share, seed)))
+    })
+}

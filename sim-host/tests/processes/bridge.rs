@@ -1,0 +1,464 @@
+//! A flashed controller in the controller's place: real processes over shared
+//! memory, and the controller's own core behind a socket, on a thread.
+
+use std::os::unix::net::UnixListener;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use controller::host::Stop;
+use controller::host::flash::MemoryFlash;
+use controller::host::serial::client::{Client, HELLO_PATIENCE};
+use controller::host::serial::stream::over_unix;
+use controller::host::serial::{Endpoint, VirtualBoard};
+use controller::serial::message::{Mode, Request, Slot};
+use rustix::process::Signal;
+use serde_json::Value;
+
+use super::place::{Place, Running, text};
+use super::{ENDLESS, SOON};
+
+const PATIENT: [&str; 4] = ["--domain", "test", "--timeout", "30"];
+const TICKS: u64 = 10_000;
+const RUN: [&str; 6] = ["--duration", "10", "--start-vx", "0.2", "--timeout", "30"];
+
+/// What happens to a board.
+#[derive(Clone, Copy, Debug)]
+enum Mishap {
+    /// The plug is pulled; the board runs on.
+    Unplug,
+    /// Power goes off and on; the line stays open.
+    Reset,
+    /// Power and plug, both.
+    PowerCut,
+}
+
+/// A board behind a socket, to which things happen.
+struct Board {
+    path: PathBuf,
+    on: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Board {
+    /// With the place's policy in slot A. Each mishap comes after so many reads
+    /// from the line since the one before: about a message each.
+    fn new(place: &Place, mishaps: &[(u64, Mishap)]) -> Self {
+        let path = place.policy().with_file_name("board");
+        let listener = UnixListener::bind(&path).unwrap();
+        listener.set_nonblocking(true).unwrap();
+        let policy = std::fs::read(place.policy()).unwrap();
+        let board = VirtualBoard::power_up(MemoryFlash::new().loaded(Slot::A, &policy));
+        let on = Arc::new(AtomicBool::new(true));
+        let (goes_on, mishaps) = (Arc::clone(&on), mishaps.to_vec());
+        let thread = std::thread::spawn(move || live(board, &listener, &mishaps, &goes_on));
+        Self { path, on, thread: Some(thread) }
+    }
+
+    fn socket(&self) -> &str {
+        text(&self.path)
+    }
+}
+
+impl Drop for Board {
+    fn drop(&mut self) {
+        self.on.store(false, Ordering::Relaxed);
+        self.thread.take().unwrap().join().unwrap();
+    }
+}
+
+fn live(
+    mut board: VirtualBoard,
+    listener: &UnixListener,
+    mishaps: &[(u64, Mishap)],
+    on: &AtomicBool,
+) {
+    let mut mishaps = mishaps.iter();
+    let mut next = mishaps.next();
+    let mut reads = 0;
+    while on.load(Ordering::Relaxed) {
+        let Ok((socket, _)) = listener.accept() else {
+            std::thread::sleep(Duration::from_millis(2));
+            continue;
+        };
+        let mut stream = over_unix(socket).unwrap();
+        loop {
+            let due = |reads| next.is_some_and(|(after, _)| reads >= *after);
+            board
+                .serve(&mut *stream, || {
+                    reads += 1;
+                    on.load(Ordering::Relaxed) && !due(reads)
+                })
+                .unwrap();
+            if !due(reads) {
+                break; // The caller has hung up.
+            }
+            let mishap = next.map(|(_, mishap)| *mishap);
+            (next, reads) = (mishaps.next(), 0);
+            if matches!(mishap, Some(Mishap::Reset | Mishap::PowerCut)) {
+                board.power_cycle();
+            }
+            if !matches!(mishap, Some(Mishap::Reset)) {
+                break;
+            }
+        }
+    }
+}
+
+fn bridge(place: &Place, board: &Board, arguments: &[&str]) -> Running {
+    place
+        .start("bridge", &[&["--unix", board.socket(), "--json"], &PATIENT[..], arguments].concat())
+}
+
+/// The hash of the run with a controller in the simulator's own process.
+fn expected(place: &Place) -> String {
+    place.alone(&[&["--in-process"], &RUN[..]].concat()).end().assert_ok().state_hash()
+}
+
+/// What a bridge printed.
+#[track_caller]
+fn report(ended: &super::place::Ended) -> Value {
+    serde_json::from_str(&ended.assert_ok().out).expect("JSON")
+}
+
+fn number(report: &Value, pointer: &str) -> u64 {
+    report.pointer(pointer).and_then(Value::as_u64).unwrap_or_else(|| panic!("{pointer}: {report}"))
+}
+
+/// The bridge's books agree with each other and with the controller's.
+#[track_caller]
+fn assert_counts_add_up(report: &Value) {
+    let number = |pointer| number(report, pointer);
+    let said_again = number("/sent/sample_retries") + number("/sent/request_retries");
+    let replies = number("/sent/replies");
+    assert_eq!(number("/sent/frames_out"), TICKS + replies + said_again, "{report}");
+    assert_eq!((number("/ticks"), number("/sent/commands")), (TICKS, TICKS), "{report}");
+    let heard = TICKS + number("/sent/repeats") + replies + number("/sent/stale");
+    assert_eq!(number("/received/frames"), heard, "{report}");
+    assert_eq!(number("/controller/ticks"), TICKS, "{report}");
+    // Every good frame was a tick, a request of the run's or one of either said again.
+    let good = number("/controller/line/frames");
+    let known = TICKS + number("/controller/repeated");
+    assert!(known <= good && good <= known + replies + 3, "{report}");
+    assert_eq!(number("/received/unknown") + number("/controller/line/unknown"), 0, "{report}");
+}
+
+#[test]
+fn a_flashed_controller_does_what_a_process_does_and_no_message_is_lost() {
+    let place = Place::new();
+    let board = Board::new(&place, &[]);
+    let bridge = bridge(&place, &board, &[]);
+    let run = place.simulator(&RUN).end();
+    let bridge = bridge.end();
+    assert_eq!(run.assert_ok().state_hash(), expected(&place));
+    assert_eq!((run.err.as_str(), bridge.err.as_str()), ("", ""));
+
+    let report = report(&bridge);
+    assert_counts_add_up(&report);
+    assert_eq!(number(&report, "/sent/frames_out"), number(&report, "/received/frames"));
+    for none in [
+        "/received/crc_errors",
+        "/received/malformed",
+        "/controller/line/crc_errors",
+        "/controller/line/malformed",
+        "/controller/missed",
+        "/controller/lost_bytes",
+        "/reconnects",
+        "/reboots",
+    ] {
+        assert_eq!(number(&report, none), 0, "{none}: {report}");
+    }
+    assert_eq!(report["policy"], "hop in place");
+    assert!(report["round_trip_us"]["p50"].as_f64() > report["own_share_us"]["p50"].as_f64());
+    place.assert_clean();
+}
+
+#[test]
+fn through_noise_both_ways_the_run_is_the_same() {
+    let place = Place::new();
+    let board = Board::new(&place, &[]);
+    let bridge = bridge(&place, &board, &["--noise", "0.01", "--noise-seed", "5"]);
+    let run = place.simulator(&RUN).end();
+    let report = report(&bridge.end());
+    assert_eq!(run.assert_ok().state_hash(), expected(&place));
+    assert_counts_add_up(&report);
+    for some in [
+        "/received/crc_errors",
+        "/received/resyncs",
+        "/controller/line/crc_errors",
+        "/controller/line/resyncs",
+        "/sent/sample_retries",
+    ] {
+        assert!(number(&report, some) > TICKS / 10, "{some}: {report}");
+    }
+    place.assert_clean();
+}
+
+#[test]
+fn unplugged_and_plugged_in_again_the_run_goes_on_where_it_was() {
+    let place = Place::new();
+    let board = Board::new(&place, &[(2000, Mishap::Unplug), (3000, Mishap::Unplug)]);
+    let bridge = bridge(&place, &board, &[]);
+    let run = place.simulator(&RUN).end();
+    let bridge = bridge.end();
+    assert_eq!(run.assert_ok().state_hash(), expected(&place));
+    let report = report(&bridge);
+    assert_eq!((number(&report, "/reconnects"), number(&report, "/reboots")), (2, 0));
+    assert_eq!(number(&report, "/controller/ticks"), TICKS, "none was done twice");
+    assert_eq!(bridge.err.matches("the line is back").count(), 2, "{}", bridge.err);
+    place.assert_clean();
+}
+
+#[test]
+fn a_controller_that_was_reset_begins_anew_in_the_run() {
+    for (mishap, reconnects) in [(Mishap::PowerCut, 1), (Mishap::Reset, 0)] {
+        let place = Place::new();
+        let board = Board::new(&place, &[(3000, mishap)]);
+        let bridge = bridge(&place, &board, &[]);
+        let run = place.simulator(&[&RUN[..], &["--json"]].concat()).end();
+        let bridge = bridge.end();
+        let report = report(&bridge);
+        assert_eq!(number(&report, "/reconnects"), reconnects, "{mishap:?}");
+        assert_eq!(number(&report, "/reboots"), 1, "{mishap:?}");
+        let warning = "warning: the controller was reset in the middle of the run";
+        assert_eq!(bridge.err.matches(warning).count(), 1, "{}", bridge.err);
+        // Safe until the next apex, and hopping from there.
+        let played: Value = serde_json::from_str(&run.assert_ok().out).expect("JSON");
+        assert_eq!(number(&played, "/ticks"), TICKS);
+        assert!(number(&played, "/safe_ticks") < TICKS / 4, "{played}");
+        let ticks = number(&report, "/controller/ticks");
+        assert!(ticks < TICKS - 2000 && ticks > TICKS / 2, "since the reset: {report}");
+        place.assert_clean();
+    }
+}
+
+#[test]
+fn unplugged_it_ends_when_told_so_or_when_patience_is_over() {
+    let place = Place::new();
+    let board = Board::new(&place, &[(2000, Mishap::Unplug)]);
+    let first = bridge(&place, &board, &["--on-unplug", "end"]);
+    let run = place.simulator(&ENDLESS);
+    first.end().assert(1, &["the line to the controller broke", "--on-unplug reconnect"]);
+    run.end().assert(1, &["the controller", "left before the run was over"]);
+
+    let second =
+        place.start("bridge", &["--unix", board.socket(), "--domain", "test", "--timeout", "0.7"]);
+    let run = place.simulator(&ENDLESS);
+    place.wait_for_the_run(None);
+    std::fs::remove_file(&board.path).unwrap();
+    drop(board);
+    second
+        .end()
+        .assert(1, &["warning: the line", "was not back after 0.7 s", "board", "--timeout"]);
+    run.end().assert(1, &["left before the run was over"]);
+    place.assert_clean();
+}
+
+#[test]
+fn two_bridges_do_not_get_in_each_others_way() {
+    let place = Place::new();
+    let board = Board::new(&place, &[]);
+    let mut first = bridge(&place, &board, &[]);
+    let run = place.simulator(&ENDLESS);
+    place.wait_for_the_run(None);
+    // A board has one line.
+    bridge(&place, &board, &[]).end().assert(1, &["nobody has answered for 3.0 s"]);
+    // A domain has one controller.
+    let elsewhere = Place::new();
+    let other = Board::new(&elsewhere, &[]);
+    let taken = format!("already running in domain `test` (process {})", first.pid());
+    bridge(&place, &other, &[]).end().assert(1, &[taken]);
+
+    first.signal(Signal::INT);
+    first.end().assert(1, &["stopped by a signal"]);
+    run.end().assert(1, &["left before the run was over"]);
+    // It was left in good order.
+    let mut client =
+        Client::new(Endpoint::Unix(board.path.clone()).open().unwrap(), &Stop::default());
+    assert_eq!(client.identify(HELLO_PATIENCE).unwrap().mode, Mode::Idle);
+    place.assert_clean();
+}
+
+/// Asks the controller by its own program.
+fn ask(place: &Place, socket: &Path, arguments: &[&str]) -> Value {
+    let all = [arguments, &["--unix", text(socket), "--json"]].concat();
+    report(&place.start("controller", &all).end())
+}
+
+#[test]
+fn weights_are_swapped_on_a_hopping_leg() {
+    let place = Place::new();
+    let board = Board::new(&place, &[]);
+    let socket = place.policy().with_file_name("share");
+    // As a killed bridge leaves it.
+    drop(UnixListener::bind(&socket).unwrap());
+    let share = ["--share", text(&socket)];
+    let bridge_on = bridge(&place, &board, &share);
+    let wait_for_socket = || {
+        let begun = Instant::now();
+        while !Endpoint::Unix(socket.clone()).open().is_ok_and(|stream| {
+            Client::new(stream, &Stop::default()).identify(HELLO_PATIENCE).is_ok()
+        }) {
+            assert!(begun.elapsed() < SOON, "nobody behind the socket");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    };
+    wait_for_socket();
+    let refused = bridge(&place, &board, &share).end();
+    refused.assert(1, &["--share: another process listens on", text(&socket)]);
+
+    let long = ["--duration", "100", "--start-vx", "0.2", "--timeout", "30"];
+    let run = place.simulator(&long);
+    place.wait_for_the_run(None);
+    let policy = place.policy();
+    let done = ask(&place, &socket, &["policy", "upload", text(&policy)]);
+    assert_eq!((done["slot"].as_str(), done["name"].as_str()), (Some("B"), Some("hop in place")));
+    assert!(done["swapped_after_s"].as_f64().is_some(), "{done}");
+    let slots = ask(&place, &socket, &["policy", "list"]);
+    assert_eq!(slots.pointer("/slots/1/running"), Some(&true.into()), "{slots}");
+    let back = ask(&place, &socket, &["policy", "roll-back"]);
+    assert_eq!(back["slot"], "A");
+    assert!(back["swapped_after_s"].as_f64().is_some(), "{back}");
+    let who = ask(&place, &socket, &["identify"]);
+    assert_eq!((who["mode"].as_str(), &who["policy"]["slot"]), (Some("lock-step"), &"A".into()));
+
+    // What would break the run is refused.
+    let stream = Endpoint::Unix(socket.clone()).open().unwrap();
+    let mut client = Client::new(stream, &Stop::default());
+    for request in [
+        Request::SetMode(Mode::Idle),
+        Request::Reset { session: 1, rate_hz: 1000, gravity_m_s2: 9.81 },
+    ] {
+        let refused = client.have_done(&request).unwrap_err().to_string();
+        assert!(refused.contains("a bridge runs the leg"), "{refused}");
+    }
+
+    let run = run.end();
+    let report = report(&bridge_on.end());
+    assert!(!socket.exists(), "it is taken along");
+    assert_eq!(number(&report, "/controller/swaps"), 2, "{report}");
+    assert!(number(&report, "/shared_requests") >= 10, "{report}");
+    // The same policy: so not a tick, not a bit has changed.
+    let alone = place.alone(&[&["--in-process"], &long[..]].concat()).end();
+    assert_eq!(run.assert_ok().state_hash(), alone.assert_ok().state_hash());
+    place.assert_clean();
+}
+
+#[test]
+fn live_the_boards_timer_is_the_tick() {
+    let place = Place::new();
+    let board = Board::new(&place, &[]);
+    let bridge = bridge(&place, &board, &["--mode", "live", "--rate", "200"]);
+    let run = place.simulator(&["--rate", "200", "--duration", "1", "--timeout", "30"]).end();
+    let report = report(&bridge.end());
+    run.assert_ok();
+    assert_eq!((report["mode"].as_str(), number(&report, "/ticks")), (Some("live"), 200));
+    let ticks = number(&report, "/controller/ticks");
+    assert!(ticks >= 200, "{report}");
+    assert_eq!(ticks - number(&report, "/controller/missed"), 200, "{report}");
+    // Real time: 200 ticks of 5 ms, less the wait for the first.
+    assert!(report["ticks_per_s"].as_f64() < Some(202.0), "{report}");
+    place.assert_clean();
+}
+
+#[test]
+fn a_missing_or_mute_controller_is_named_with_what_to_do() {
+    let place = Place::new();
+    let path = place.policy().with_file_name("mute");
+    let start = |arguments: &[&str]| place.start("bridge", arguments);
+    start(&["--unix", text(&path)]).end().assert(1, &[text(&path), "nobody listens there"]);
+    let _mute = UnixListener::bind(&path).unwrap();
+    let mute = start(&["--unix", text(&path)]).end();
+    mute.assert(1, &["nobody has answered for 3.0 s", "powered"]);
+    assert!(mute.took >= HELLO_PATIENCE && mute.took < SOON);
+    let port = path.with_file_name("ttyACM7");
+    start(&["--serial", text(&port)]).end().assert(1, &[text(&port), "2000000 baud", "plugged in"]);
+    place.assert_clean();
+}
+
+#[test]
+fn a_missing_simulator_is_waited_for_and_named() {
+    let place = Place::new();
+    let board = Board::new(&place, &[]);
+    let bridge = place.start(
+        "bridge",
+        &["--unix", board.socket(), "--domain", "test", "--timeout", "1.5", "--gravity", "1.62"],
+    );
+    bridge.end().assert(
+        1,
+        &["still waiting", "no simulator in domain `test`", "sim-host run", "--gravity 1.62"],
+    );
+    place.assert_clean();
+}
+
+#[test]
+fn a_policy_on_another_leg_is_bridged_with_one_warning() {
+    let place = Place::new();
+    let board = Board::new(&place, &[]);
+    let bridge = bridge(&place, &board, &[]);
+    place.simulator(&["--leg", "crab", "--duration", "0.1", "--timeout", "30"]).end();
+    let warning = "warning: the policy hop in place was trained for another leg";
+    let bridge = bridge.end();
+    assert_eq!(bridge.assert_ok().err.matches(warning).count(), 1, "{}", bridge.err);
+    place.assert_clean();
+}
+
+#[test]
+fn what_cannot_be_bridged_is_refused_with_status_2() {
+    let place = Place::new();
+    let start = |arguments: &[&str]| place.start("bridge", arguments).end();
+    start(&[]).assert(2, &["--serial", "--unix", "--tcp", "required"]);
+    start(&["--unix", "a", "--tcp", "b:1"]).assert(2, &["cannot be used with"]);
+    start(&["--unix", "a", "--baud", "9600"]).assert(2, &["--baud", "cannot be used with"]);
+    start(&["--serial", "a", "--baud", "7"]).assert(2, &["--baud", "7", "9600"]);
+    start(&["--tcp", "here"]).assert(2, &["--tcp", "here", "HOST:PORT"]);
+    start(&["--unix", "a", "--rate", "7"]).assert(2, &["7 Hz", "50"]);
+    start(&["--unix", "a", "--gravity", "-1"]).assert(2, &["gravity -1", "above 0"]);
+    start(&["--unix", "a", "--noise", "2"]).assert(2, &["--noise", "2", "0.5"]);
+    start(&["--unix", "a", "--mode", "b"]).assert(2, &["lock-step", "live"]);
+    let board = Board::new(&place, &[]);
+    start(&["--unix", board.socket(), "--domain", "a/b"]).assert(2, &["a/b", "is not a name"]);
+
+    // A bad file is refused before anything is opened.
+    let bad = place.policy().with_file_name("bad.bin");
+    std::fs::write(&bad, "no policy").unwrap();
+    let controller = |arguments: &[&str]| place.start("controller", arguments).end();
+    let upload = ["policy", "upload", text(&bad), "--unix", "nowhere"];
+    controller(&upload).assert(2, &["bad.bin is not a policy to run"]);
+    controller(&["identify"]).assert(2, &["--serial", "required"]);
+    controller(&["identify", "--unix", "nowhere"]).assert(1, &["nobody listens there"]);
+    controller(&["--rate", "500", "identify", "--unix", "nowhere"])
+        .assert(2, &["identify", "--rate"]);
+    place.assert_clean();
+}
+
+#[test]
+fn a_virtual_board_is_a_program_too() {
+    let place = Place::new();
+    let socket = place.policy().with_file_name("virtual");
+    let arguments = ["virtual-board", "--unix", text(&socket), "--empty"];
+    let mut board = place.start("controller", &arguments);
+    let begun = Instant::now();
+    while !socket.exists() {
+        assert!(begun.elapsed() < SOON);
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let slots = ask(&place, &socket, &["policy", "list"]);
+    assert_eq!(slots.pointer("/slots/0/fault"), Some(&"empty".into()), "{slots}");
+    let bridge = place.start("bridge", &[&["--unix", text(&socket)], &PATIENT[..]].concat());
+    let run = place.simulator(&["--duration", "1", "--timeout", "30"]).end();
+    run.assert(0, &["never left its safe state"]);
+    let bridge = bridge.end();
+    bridge.assert(0, &["the controller has no policy", "policy upload"]);
+    assert!(
+        bridge.out.contains("1000 ticks") && bridge.out.contains("CRC errors"),
+        "{}",
+        bridge.out
+    );
+    board.signal(Signal::INT);
+    board.end().assert_ok();
+    assert!(!socket.exists());
+    place.assert_clean();
+}
