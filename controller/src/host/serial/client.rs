@@ -12,7 +12,7 @@ use serde::Serialize;
 use super::faults;
 use super::identity::Who;
 use super::line::{Came, Line, framed};
-use super::pending::{Pace, Pending};
+use super::pending::{Answered, Pace, Pending};
 use super::stream::ByteStream;
 use crate::host::Stop;
 use crate::serial::PROTOCOL_VERSION;
@@ -155,11 +155,11 @@ pub struct Client {
     line: Line,
     turn: Option<Pending>,
     turn_pace: Pace,
-    /// Whether the sample answered last was said more than once.
-    was_said_again: bool,
+    answered_turn: Option<Answered>,
     open: Option<OpenTurns>,
     request: Option<Pending>,
     request_pace: Pace,
+    answered_request: Option<Answered>,
     next_id: u32,
     counts: Counts,
     /// The protocol version of frames that came and were of another one.
@@ -176,10 +176,11 @@ impl Client {
             line: Line::new(stream),
             turn: None,
             turn_pace: Pace::new(),
-            was_said_again: false,
+            answered_turn: None,
             open: None,
             request: None,
             request_pace: Pace::new(),
+            answered_request: None,
             // The last program's last number must not be this one's first.
             next_id: random_u32(),
             counts: Counts::default(),
@@ -309,25 +310,26 @@ impl Client {
         match self.line.message::<ToHost<'_>>() {
             Some(ToHost::Command { turn, command }) => {
                 if let Some(pending) = self.turn.take_if(|pending| pending.number == turn) {
-                    pending.answered(&mut self.turn_pace);
-                    self.was_said_again = pending.was_said_again();
+                    self.answered_turn = pending.answered(&mut self.turn_pace);
+                } else if let Some(twice) = self.answered_turn.take_if(|last| last.number == turn) {
+                    self.turn_pace.was_too_soon(twice.took);
                 }
                 if let Some(open) = self.open.filter(|open| open.contains(turn)) {
                     let again = open.answered && open.from == turn;
                     self.open = Some(OpenTurns { from: turn, answered: true, ..open });
                     self.counts.commands += u64::from(!again);
                     self.counts.repeats += u64::from(again);
-                    if again && self.was_said_again {
-                        self.turn_pace.was_too_soon();
-                    }
                     return Heard::Command { turn, command, again };
                 }
             }
             Some(ToHost::Reply { id, .. }) => {
                 if let Some(pending) = self.request.take_if(|pending| pending.number == id) {
-                    pending.answered(&mut self.request_pace);
+                    self.answered_request = pending.answered(&mut self.request_pace);
                     self.counts.replies += 1;
                     return Heard::Reply;
+                }
+                if let Some(twice) = self.answered_request.take_if(|last| last.number == id) {
+                    self.request_pace.was_too_soon(twice.took);
                 }
             }
             Some(ToHost::Alarm(alarm)) => return Heard::Alarm(alarm),

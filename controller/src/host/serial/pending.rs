@@ -12,6 +12,13 @@ const LATEST: Duration = Duration::from_millis(250);
 /// So many times at the same interval, for noise; then at growing ones, for a
 /// controller that is busy or gone.
 const EVEN_TRIES: u32 = 8;
+/// A round trip longer than so many times the usual counts as one so long.
+const OUTLIER: u32 = 4;
+
+/// Said again after the usual round trip and so many times its mean deviation.
+/// Not four, as for the world's networks: the line is ours alone, what is said
+/// too soon costs it a millisecond, and in noise each wait is time lost.
+const SPREADS: u32 = 2;
 
 /// When to say a message again: learnt from the round trips, after Jacobson
 /// and Karels (RFC 6298).
@@ -27,34 +34,43 @@ impl Pace {
         Self { smooth: None, spread: Duration::ZERO, interval: FIRST }
     }
 
-    /// Learns the round trip of a message that was said once. Of one said
-    /// again nobody knows which saying was answered (Karn): it teaches nothing,
-    /// but at the very start, that the first guess was too short.
+    /// Learns from a message that was answered, just now: its round trip, when
+    /// it was said once. Of one said again nobody knows which saying was
+    /// answered (Karn): it teaches nothing, but at the very start, that the
+    /// first guess was too short.
     fn learn(&mut self, answered: &Pending) {
-        if answered.tries > 1 {
-            if self.smooth.is_none() {
-                self.interval = answered.interval;
-            }
-            return;
+        if !answered.was_said_again() {
+            self.learn_round_trip(answered.age());
+        } else if self.smooth.is_none() {
+            self.interval = answered.interval;
         }
-        let took = answered.first.elapsed();
+    }
+
+    /// A message that was said again is answered again: so its first answer was
+    /// to a saying before the last, at least `took` before, and it was said
+    /// again too soon.
+    pub(super) fn was_too_soon(&mut self, took: Duration) {
+        self.learn_round_trip(took);
+    }
+
+    fn learn_round_trip(&mut self, took: Duration) {
         let smooth = self.smooth.unwrap_or(took);
+        // The odd one that took ever so long, as when this process was away, counts for less.
+        let took = took.min(smooth * OUTLIER);
         let spread = if self.smooth.is_some() { self.spread } else { took / 2 };
         self.spread = (spread * 3 + smooth.abs_diff(took)) / 4;
-        self.set_smooth((smooth * 7 + took) / 8);
-    }
-
-    fn set_smooth(&mut self, smooth: Duration) {
+        let smooth = (smooth * 7 + took) / 8;
         self.smooth = Some(smooth);
-        self.interval = (smooth + 4 * self.spread).clamp(SOONEST, LATEST);
+        self.interval = (smooth + SPREADS * self.spread).clamp(SOONEST, LATEST);
     }
+}
 
-    /// A message said again was answered twice, so it was said again too soon.
-    pub(super) fn was_too_soon(&mut self) {
-        if let Some(smooth) = self.smooth {
-            self.set_smooth(LATEST.min(smooth + smooth / 4));
-        }
-    }
+/// A message that was said more than once, and answered once.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Answered {
+    pub(super) number: u32,
+    /// From the saying before the last to the answer.
+    pub(super) took: Duration,
 }
 
 /// A message on its way, unanswered.
@@ -64,6 +80,8 @@ pub(super) struct Pending {
     pub(super) frame: Vec<u8>,
     first: Instant,
     last: Instant,
+    /// The saying before the last.
+    previous: Instant,
     interval: Duration,
     /// No answer can be here sooner after the last saying.
     soonest: Duration,
@@ -78,7 +96,17 @@ impl Pending {
         let now = Instant::now();
         let soonest = pace.smooth.unwrap_or_default() / 2;
         let interval = pace.interval;
-        Self { number, frame, first: now, last: now, interval, soonest, tries: 1, silences: 0 }
+        Self {
+            number,
+            frame,
+            first: now,
+            last: now,
+            previous: now,
+            interval,
+            soonest,
+            tries: 1,
+            silences: 0,
+        }
     }
 
     /// How long until it is to be said again.
@@ -98,7 +126,7 @@ impl Pending {
     /// It is being said again.
     pub(super) fn said_again(&mut self) {
         self.tries += 1;
-        self.last = Instant::now();
+        self.previous = std::mem::replace(&mut self.last, Instant::now());
     }
 
     /// Whether what comes now may well be its answer.
@@ -107,7 +135,7 @@ impl Pending {
     }
 
     /// Whether it was said more than once.
-    pub(super) fn was_said_again(&self) -> bool {
+    fn was_said_again(&self) -> bool {
         self.tries > 1
     }
 
@@ -116,9 +144,11 @@ impl Pending {
         self.first.elapsed()
     }
 
-    /// It was answered, just now.
-    pub(super) fn answered(&self, pace: &mut Pace) {
+    /// It was answered, just now. Kept if it may be answered once more.
+    pub(super) fn answered(&self, pace: &mut Pace) -> Option<Answered> {
         pace.learn(self);
+        self.was_said_again()
+            .then(|| Answered { number: self.number, took: self.previous.elapsed() })
     }
 }
 
@@ -144,7 +174,9 @@ mod tests {
             waited(1, Duration::from_micros(50)).answered(&mut pace);
         }
         assert_eq!(pace.interval, SOONEST);
-        waited(1, Duration::from_secs(5)).answered(&mut pace);
+        for _ in 0..100 {
+            waited(1, Duration::from_secs(1)).answered(&mut pace);
+        }
         assert_eq!(pace.interval, LATEST);
     }
 
@@ -173,12 +205,21 @@ mod tests {
     #[test]
     fn an_answer_given_twice_makes_it_more_patient() {
         let mut pace = Pace::new();
-        pace.was_too_soon();
-        assert_eq!(pace.interval, FIRST, "nothing was learnt yet");
         for _ in 0..100 {
             waited(1, Duration::from_micros(50)).answered(&mut pace);
         }
-        (0..30).for_each(|_| pace.was_too_soon());
-        assert!(pace.interval > Duration::from_millis(10), "{:?}", pace.interval);
+        assert_eq!(pace.interval, SOONEST);
+        // Now answers take 5 ms, and what is said once more after 0.25 ms is answered twice.
+        let took = Duration::from_millis(5);
+        let mut too_soon = 0;
+        while pace.interval < took {
+            pace.was_too_soon(took);
+            too_soon += 1;
+        }
+        assert!(too_soon < 20, "{too_soon}");
+        // A single stall does little.
+        let before = pace.interval;
+        pace.was_too_soon(Duration::from_secs(1));
+        assert!(pace.interval < before * 3, "{:?}", pace.interval);
     }
 }
