@@ -132,6 +132,7 @@ impl Board for Mps2 {
         NVIC::pend(Interrupt::Transmit);
     }
 
+    #[inline(never)]
     fn send_polled(byte: u8) {
         // Seconds, and not for ever: nobody may be listening.
         if (0..PATIENCE).any(|_| Uart::State.read() & TX_FULL == 0) {
