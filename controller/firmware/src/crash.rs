@@ -119,6 +119,7 @@ pub(crate) fn provoke() {
         use controller::serial::pilot::SharedPilot;
         /// Ticks that go well.
         const TICKS: u32 = 300;
+        #[allow(unreachable_code)]
         if crate::pilot::PILOT.with(|pilot| pilot.counts().ticks) >= TICKS {
             #[cfg(feature = "provoke-panic")]
             panic!("as asked for");

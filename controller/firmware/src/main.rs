@@ -6,6 +6,17 @@
 //! control law on the newest sample, whatever the main loop is doing.
 #![no_std]
 #![no_main]
+// Nobody catches a panic: what could raise one does not pass.
+#![cfg_attr(
+    not(feature = "provoke-panic"),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::indexing_slicing,
+        clippy::unreachable
+    )
+)]
 
 mod board;
 mod crash;

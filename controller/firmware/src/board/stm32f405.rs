@@ -26,7 +26,7 @@ const HSI_MHZ: u8 = 16;
 /// The PLL makes 336 MHz of 1 MHz, and half of that is the core's clock.
 const PLL_TIMES: u16 = 336;
 const PLL_CORE_HZ: u32 = 168_000_000;
-/// Wait states at that clock and 2.7 to 3.6 V: RM0090 table 10.
+/// Wait states at that clock and 2.7 to 3.6 V (RM0090, "Relation between CPU clock frequency and Flash memory read time").
 const WAIT_STATES: u8 = 5;
 
 /// Looks at a flag, each some cycles, before it is given up: 0.1 s and more at
@@ -41,7 +41,7 @@ const UART_PATIENCE: u32 = 1_000_000;
 /// Flash: where it begins, and the size of its first four sectors.
 const FLASH_START: usize = 0x0800_0000;
 const SECTOR_LEN: usize = 16 * 1024;
-/// What unlocks its control register, RM0090 3.5.1.
+/// What unlocks its control register: RM0090, "Unlocking the Flash control register".
 const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
 
 /// The core's clock, as `power_up` has found it, Hz.
@@ -61,7 +61,7 @@ fn comes(patience: u32, flag: impl Fn() -> bool) -> bool {
     (0..patience).any(|_| flag())
 }
 
-/// 168 MHz from the crystal; from the oscillator inside when there is none;
+/// 168 MHz from the crystal, which the regulator bears as it is after reset; from the oscillator inside when there is none;
 /// 16 MHz from that alone when the PLL does not lock either.
 fn start_clocks(rcc: &RCC, flash: &FLASH) -> Clocks {
     rcc.cr().modify(|_, w| w.hseon().on());
@@ -70,7 +70,7 @@ fn start_clocks(rcc: &RCC, flash: &FLASH) -> Clocks {
         rcc.cr().modify(|_, w| w.hseon().off());
     }
     rcc.pllcfgr().modify(|_, w| {
-        // SAFETY: within 2 to 63, 50 to 432, 2 to 15: RM0090 7.3.2. 48 MHz at Q.
+        // SAFETY: within 2 to 63, 50 to 432, 2 to 15 (RM0090, RCC_PLLCFGR); 48 MHz at Q.
         unsafe {
             w.pllm().bits(if has_crystal { HSE_MHZ } else { HSI_MHZ });
             w.plln().bits(PLL_TIMES);
@@ -142,7 +142,7 @@ impl Board for Stm32f405 {
 
         p.RCC.ahb1enr().modify(|_, w| w.gpioaen().enabled());
         p.RCC.apb2enr().modify(|_, w| w.usart1en().enabled());
-        // A peripheral wakes two cycles after its clock: ES0182 2.1.13.
+        // A peripheral wakes two cycles after its clock (errata sheet ES0182).
         let _ = p.RCC.apb2enr().read();
 
         // Level and function first, so that the pin never says anything else. A
@@ -262,7 +262,7 @@ impl FlashChip for Stm32f405 {
     const ERASE_STALLS: bool = true;
 
     unsafe fn erase(start: *mut u32, _words: usize) -> Result<(), FlashFault> {
-        let sector = (start.addr() - FLASH_START) / SECTOR_LEN;
+        let sector = start.addr().wrapping_sub(FLASH_START) / SECTOR_LEN;
         // Only the two sectors of the slots.
         if !(2..4).contains(&sector) {
             return Err(FlashFault);
@@ -274,7 +274,7 @@ impl FlashChip for Stm32f405 {
                 .write(|w| unsafe { w.psize().psize32().ser().set_bit().snb().bits(sector as u8) });
             flash.cr().modify(|_, w| w.strt().set_bit());
         });
-        // The caches hold what was there: RM0090 3.5.3.
+        // The caches hold what was there (RM0090, "Erase").
         // SAFETY: as in `with_flash`.
         use_caches(&unsafe { FLASH::steal() });
         result
