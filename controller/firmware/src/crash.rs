@@ -7,26 +7,26 @@
 use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicU32, Ordering};
 
+use crate::board::{Board, Selected};
 use controller::control::safe_command;
 use controller::serial::frame::{self, MAX_FRAME};
 use controller::serial::message::{Alarm, Crash, ToHost};
 use controller::wire::{Command, Header};
-use cortex_m_rt::ExceptionFrame;
-
-use crate::board::{Board, Selected};
 
 /// Exit status of the emulator after a panic.
 const PANIC: u8 = 101;
 /// Exit status of the emulator after a fault of the processor.
 const HARD_FAULT: u8 = 102;
 
-/// The last command's turn, epoch, and tick, low and high half.
-static LAST: [AtomicU32; 4] = [const { AtomicU32::new(0) }; 4];
+/// Of the last command: its turn, the epoch, and tick and time, low and high
+/// half each. Words, for a crash may come between any two of them.
+static LAST: [AtomicU32; 6] = [const { AtomicU32::new(0) }; 6];
 
 /// Puts aside what a safe command needs to be taken by the host.
 pub(crate) fn remember(turn: u32, command: &Command) {
-    let Header { epoch, seq, .. } = command.header;
-    for (place, word) in LAST.iter().zip([turn, epoch, seq as u32, (seq >> 32) as u32]) {
+    let Header { epoch, seq, t_ns, .. } = command.header;
+    let words = [turn, epoch, seq as u32, (seq >> 32) as u32, t_ns as u32, (t_ns >> 32) as u32];
+    for (place, word) in LAST.iter().zip(words) {
         place.store(word, Ordering::Relaxed);
     }
 }
@@ -34,9 +34,15 @@ pub(crate) fn remember(turn: u32, command: &Command) {
 /// The panic handler's, and the fault handler's, last act.
 fn break_off(crash: Crash, status: u8) -> ! {
     cortex_m::interrupt::disable();
-    let [turn, epoch, low, high] = LAST.each_ref().map(|word| word.load(Ordering::Relaxed));
-    let seq = u64::from(high) << 32 | u64::from(low);
-    let command = safe_command(&Header { epoch, seq, ..Header::default() });
+    let [turn, epoch, seq, seq_high, t_ns, t_ns_high] =
+        LAST.each_ref().map(|word| word.load(Ordering::Relaxed));
+    let whole = |high, low| u64::from(high) << 32 | u64::from(low);
+    let command = safe_command(&Header {
+        epoch,
+        seq: whole(seq_high, seq),
+        t_ns: whole(t_ns_high, t_ns),
+        ..Header::default()
+    });
     // What was being sent is cut off; the zero in front of a frame ends it.
     for message in [ToHost::Command { turn, command }, ToHost::Alarm(Alarm::Crash(crash))] {
         let mut out = [0; MAX_FRAME];
@@ -57,18 +63,58 @@ fn panic(info: &PanicInfo<'_>) -> ! {
 
 #[allow(unsafe_code)]
 mod fault {
-    use super::{Crash, ExceptionFrame, HARD_FAULT, break_off};
+    use super::{Crash, HARD_FAULT, break_off};
+    use crate::stack;
 
-    // SAFETY: it never returns, and reads only the frame that it is given.
+    /// Where the hardware puts the address of the instruction, bytes from the
+    /// stack pointer after a fault, and bytes that it puts there in all.
+    const PC_AT: u32 = 24;
+    const FRAME_LEN: u32 = 32;
+
+    /// Every fault of the processor: no other fault handler is enabled.
+    ///
+    /// The stack may be what has failed, so it begins anew at its top. Floating
+    /// point registers that the hardware has yet to save where the stack was
+    /// are given up, or the first floating point instruction would fault again.
+    // SAFETY: the vector table alone calls it, and it never returns.
+    #[unsafe(naked)]
+    #[unsafe(no_mangle)]
+    unsafe extern "C" fn HardFault() -> ! {
+        core::arch::naked_asm!(
+            "mrs r0, msp",
+            "ldr r1, =_stack_start",
+            "msr msp, r1",
+            "ldr r1, =0xE000EF34", // FPCCR
+            "ldr r2, [r1]",
+            "bic r2, r2, #1", // LSPACT
+            "str r2, [r1]",
+            "b {fault}",
+            fault = sym fault,
+        )
+    }
+
+    /// `stacked` is where the stack was.
+    extern "C" fn fault(stacked: u32) -> ! {
+        let pc = if stack::holds(stacked, FRAME_LEN) {
+            // SAFETY: in the stack, and a multiple of 4 as every stack pointer.
+            unsafe { ((stacked + PC_AT) as *const u32).read_volatile() }
+        } else {
+            0
+        };
+        break_off(Crash::HardFault { pc }, HARD_FAULT)
+    }
+
+    /// An interrupt or exception that nobody expects is a fault, too.
+    // SAFETY: it never returns.
     #[cortex_m_rt::exception]
-    unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
-        break_off(Crash::HardFault { pc: frame.pc() }, HARD_FAULT)
+    unsafe fn DefaultHandler(_number: i16) -> ! {
+        cortex_m::asm::udf()
     }
 }
 
 /// In an image for the tests, breaks off after some ticks; else nothing.
 pub(crate) fn provoke() {
-    #[cfg(any(feature = "provoke-panic", feature = "provoke-fault"))]
+    #[cfg(any(feature = "provoke-panic", feature = "provoke-fault", feature = "provoke-overflow"))]
     {
         use controller::serial::pilot::SharedPilot;
         /// Ticks that go well.
@@ -78,6 +124,17 @@ pub(crate) fn provoke() {
             panic!("as asked for");
             #[cfg(feature = "provoke-fault")]
             cortex_m::asm::udf();
+            #[cfg(feature = "provoke-overflow")]
+            overflow(1);
         }
     }
+}
+
+/// Uses up the stack.
+#[cfg(feature = "provoke-overflow")]
+#[allow(unconditional_recursion)]
+#[inline(never)]
+fn overflow(depth: u32) -> u32 {
+    let frame = core::hint::black_box([depth; 64]);
+    overflow(depth + 1) + core::hint::black_box(frame).iter().sum::<u32>()
 }

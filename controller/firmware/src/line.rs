@@ -25,7 +25,7 @@ pub(crate) fn unsent() -> u32 {
 
 /// For the UART's interrupt: a byte that came.
 pub(crate) fn received(byte: u8) {
-    if !INCOMING.push(byte) {
+    if !INCOMING.put(&[byte]) {
         count(&LOST);
     }
 }
@@ -37,19 +37,17 @@ pub(crate) fn overrun() {
 
 /// For the UART's interrupt: the byte to send next.
 pub(crate) fn to_send() -> Option<u8> {
-    OUTGOING.pop()
+    OUTGOING.take()
 }
 
-/// Sends a frame, whole or not at all; never waits.
+/// Sends a frame, whole or not at all; never waits. Once in the image, for the
+/// main loop and the tick.
+#[inline(never)]
 pub(crate) fn send(frame: &[u8]) {
     // The tick's interrupt sends too: one frame at a time.
     pilot::exclude_ticks(|| {
-        if OUTGOING.room() < frame.len() {
+        if !OUTGOING.put(frame) {
             count(&UNSENT);
-            return;
-        }
-        for &byte in frame {
-            OUTGOING.push(byte);
         }
     });
     Selected::start_sending();
@@ -58,21 +56,18 @@ pub(crate) fn send(frame: &[u8]) {
 /// The next byte, asleep until it comes.
 pub(crate) fn wait_for_byte() -> u8 {
     loop {
-        if let Some(byte) = INCOMING.pop() {
+        if let Some(byte) = INCOMING.take() {
             return byte;
         }
         // Masked between the last look and the sleep: an interrupt in between
         // still wakes the core, and is taken once the mask is off.
         cortex_m::interrupt::free(|_| {
-            if INCOMING.room() == INCOMING_ROOM {
+            if INCOMING.is_empty() {
                 cortex_m::asm::wfi();
             }
         });
     }
 }
-
-/// Room of the empty ring.
-const INCOMING_ROOM: usize = 511;
 
 fn count(counter: &AtomicU32) {
     counter.store(counter.load(Ordering::Relaxed).saturating_add(1), Ordering::Relaxed);

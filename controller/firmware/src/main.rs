@@ -18,6 +18,7 @@ mod tick;
 
 use board::{Board, Selected};
 use controller::serial::desk::{self, BoardFigures};
+use controller::serial::pilot::SharedPilot;
 use controller::serial::station::Station;
 use cortex_m_rt::entry;
 use pilot::PILOT;
@@ -28,7 +29,6 @@ const IDENTITY: desk::Board =
 
 #[entry]
 fn main() -> ! {
-    stack::paint();
     PILOT.power_up();
     Selected::power_up();
     let mut station = Station::power_up(IDENTITY, Slots::<Selected>::new(), &PILOT);
@@ -39,6 +39,11 @@ fn main() -> ! {
         let byte = line::wait_for_byte();
         if let Some(frame) = station.push(byte, &PILOT, figures) {
             line::send(frame);
+            PILOT.with(|pilot| {
+                if let Some((turn, command)) = pilot.answered() {
+                    crash::remember(*turn, command);
+                }
+            });
             tick::follow_mode();
             crash::provoke();
         }

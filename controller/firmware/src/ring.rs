@@ -2,16 +2,16 @@
 
 use core::sync::atomic::{AtomicU8, AtomicUsize, Ordering};
 
-/// Holds up to `N - 1` bytes; `N` is a power of two. One side pushes, one pops.
+/// Holds up to `N` bytes, a power of two. One side puts in, one takes out.
 ///
 /// Of atomics, so that it is safe code and needs no splitting into halves; on
 /// one core a relaxed atomic is an ordinary load or store, and the order of the
 /// two is kept by release and acquire.
 pub(crate) struct Ring<const N: usize> {
     bytes: [AtomicU8; N],
-    /// Bytes pushed and popped ever, modulo the range of `usize`.
-    pushed: AtomicUsize,
-    popped: AtomicUsize,
+    /// Bytes put in and taken out ever, modulo the range of `usize`.
+    put: AtomicUsize,
+    taken: AtomicUsize,
 }
 
 impl<const N: usize> Ring<N> {
@@ -19,38 +19,41 @@ impl<const N: usize> Ring<N> {
         const { assert!(N.is_power_of_two()) };
         Self {
             bytes: [const { AtomicU8::new(0) }; N],
-            pushed: AtomicUsize::new(0),
-            popped: AtomicUsize::new(0),
+            put: AtomicUsize::new(0),
+            taken: AtomicUsize::new(0),
         }
     }
 
-    /// Bytes that find room now.
-    pub(crate) fn room(&self) -> usize {
-        let pushed = self.pushed.load(Ordering::Relaxed);
-        N - 1 - pushed.wrapping_sub(self.popped.load(Ordering::Acquire)).min(N - 1)
+    pub(crate) fn is_empty(&self) -> bool {
+        self.put.load(Ordering::Acquire) == self.taken.load(Ordering::Relaxed)
     }
 
-    /// Adds a byte; false when there is no room.
-    pub(crate) fn push(&self, byte: u8) -> bool {
-        let pushed = self.pushed.load(Ordering::Relaxed);
-        match self.bytes.get(pushed % N) {
-            Some(place) if self.room() > 0 => {
+    /// Puts all of these in; or none, and returns false, when there is no room.
+    pub(crate) fn put(&self, bytes: &[u8]) -> bool {
+        let start = self.put.load(Ordering::Relaxed);
+        let waiting = start.wrapping_sub(self.taken.load(Ordering::Acquire));
+        if bytes.len() > N.saturating_sub(waiting) {
+            return false;
+        }
+        let mut end = start;
+        for &byte in bytes {
+            if let Some(place) = self.bytes.get(end % N) {
                 place.store(byte, Ordering::Relaxed);
-                self.pushed.store(pushed.wrapping_add(1), Ordering::Release);
-                true
             }
-            _ => false,
+            end = end.wrapping_add(1);
         }
+        self.put.store(end, Ordering::Release);
+        true
     }
 
     /// Takes the oldest byte.
-    pub(crate) fn pop(&self) -> Option<u8> {
-        let popped = self.popped.load(Ordering::Relaxed);
-        if popped == self.pushed.load(Ordering::Acquire) {
+    pub(crate) fn take(&self) -> Option<u8> {
+        let taken = self.taken.load(Ordering::Relaxed);
+        if taken == self.put.load(Ordering::Acquire) {
             return None;
         }
-        let byte = self.bytes.get(popped % N)?.load(Ordering::Relaxed);
-        self.popped.store(popped.wrapping_add(1), Ordering::Release);
+        let byte = self.bytes.get(taken % N)?.load(Ordering::Relaxed);
+        self.taken.store(taken.wrapping_add(1), Ordering::Release);
         Some(byte)
     }
 }

@@ -1,26 +1,26 @@
-//! How deep the stack went: painted at power-up, read where the paint is gone.
+//! How deep the stack went: painted at reset, read where the paint is gone.
+//!
+//! It lies at the lower end of the RAM (see `memory/`): a stack that grows too
+//! deep leaves the RAM and faults, before it could overwrite anything.
 #![allow(unsafe_code)]
 
-use core::ptr::addr_of_mut;
+use core::ptr::addr_of;
 
-/// A word that nobody pushes by chance.
-const PAINT: u32 = 0x5AFE_57AC;
-/// Bytes below the stack pointer left alone: the painter's own frame.
-const MARGIN: usize = 256;
+use cortex_m_rt::STACK_PAINT_VALUE;
 
 unsafe extern "C" {
-    /// The end of the static variables: as deep as the stack may go.
-    static mut __sheap: u32;
-    /// Where the stack begins, growing down.
-    static mut _stack_start: u32;
+    /// Its lowest word: as deep as it may go.
+    static _stack_end: u32;
+    /// Just above its highest word, where it begins, growing down.
+    static _stack_start: u32;
 }
 
-fn bottom() -> *mut u32 {
-    addr_of_mut!(__sheap)
+fn bottom() -> *const u32 {
+    addr_of!(_stack_end)
 }
 
-fn top() -> *mut u32 {
-    addr_of_mut!(_stack_start)
+fn top() -> *const u32 {
+    addr_of!(_stack_start)
 }
 
 /// Room for the stack, bytes.
@@ -28,27 +28,19 @@ pub(crate) fn size() -> u32 {
     top().addr().saturating_sub(bottom().addr()) as u32
 }
 
-/// Paints what is free now. The first thing that main does.
-pub(crate) fn paint() {
-    let mut place = bottom();
-    let end = cortex_m::register::msp::read() as usize - MARGIN;
-    while place.addr() < end {
-        // SAFETY: from the end of the static variables to well below the stack
-        // pointer: RAM that nothing uses yet.
-        unsafe {
-            place.write_volatile(PAINT);
-            place = place.add(1);
-        }
-    }
-}
-
 /// Deepest stack since power-up, bytes.
 pub(crate) fn used() -> u32 {
     let mut place = bottom();
-    // SAFETY: RAM between the static variables and the stack's start, which was
-    // written by `paint` or by the stack; volatile, for the stack changes it.
-    while place < top() && unsafe { place.read_volatile() } == PAINT {
-        place = unsafe { place.add(1) };
+    // SAFETY: within the stack, all of which was painted before anything ran;
+    // volatile, for the stack changes it.
+    while place < top() && unsafe { place.read_volatile() } == STACK_PAINT_VALUE {
+        place = place.wrapping_add(1);
     }
     top().addr().saturating_sub(place.addr()) as u32
+}
+
+/// Whether so many bytes from this address lie in the stack.
+pub(crate) fn holds(address: u32, bytes: u32) -> bool {
+    let end = (address as usize).saturating_add(bytes as usize);
+    address as usize >= bottom().addr() && end <= top().addr()
 }

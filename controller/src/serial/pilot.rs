@@ -255,6 +255,12 @@ impl<'a> Pilot<'a> {
         &self.counts
     }
 
+    /// The last turn that was handled in this mode, and the command for it.
+    #[must_use]
+    pub fn answered(&self) -> Option<&(u32, Command)> {
+        self.answered.as_ref()
+    }
+
     /// On what terms the run goes.
     #[must_use]
     pub fn terms(&self) -> Terms {

@@ -50,25 +50,31 @@ fn without_a_policy_the_leg_stays_safe_and_it_says_why() {
 }
 
 /// Runs an image that breaks off; what it said last, and its exit status.
+/// The leg is made safe first, in answer to the last turn.
 fn crash_of(features: &str) -> (Crash, i32) {
     let mut flashed = Flashed::start_image(&image(features), Some(&shipped()), |line| line);
     flashed.reset(Mode::LockStep);
     let begun = Instant::now();
-    let mut seq = 0;
-    let mut line_is_open = true;
-    let crash = loop {
-        assert!(begun.elapsed() < Duration::from_secs(20), "no crash in {seq} ticks");
-        if line_is_open {
-            seq += 1;
-            // The emulator may have ended: what it said before is still to be heard.
-            line_is_open = flashed.client.post_sample(seq as u32, &sample(seq)).is_ok();
-        }
-        match flashed.client.listen(Duration::from_millis(100)) {
-            Ok(Heard::Alarm(Alarm::Crash(crash))) => break crash,
-            Ok(_) => (),
-            Err(error) => panic!("the line ended before the alarm: {error}"),
+    let (mut seq, mut last) = (0, None);
+    let crash = 'crash: loop {
+        seq += 1;
+        // Once it has ended there is nobody to post to, but what it said last is
+        // still to be heard.
+        let _ = flashed.client.post_sample(seq as u32, &sample(seq));
+        while last.is_none_or(|(turn, _)| u64::from(turn) != seq) {
+            assert!(begun.elapsed() < Duration::from_secs(30), "no crash in {seq} ticks");
+            match flashed.client.listen(Duration::from_millis(100)) {
+                Ok(Heard::Alarm(Alarm::Crash(crash))) => break 'crash crash,
+                Ok(Heard::Command { turn, command, .. }) => last = Some((turn, command)),
+                Ok(_) => (),
+                Err(error) => panic!("the line ended before the alarm: {error}"),
+            }
         }
     };
+    let (turn, command) = last.expect("a command");
+    assert_ne!(command.header.flags & flags::SAFE, 0, "{command:?}");
+    assert_eq!((turn, command.header.seq, command.header.epoch), (300, 300, 3));
+    assert_eq!(command.header.t_ns, sample(300).header.t_ns);
     let status = loop {
         assert!(begun.elapsed() < Duration::from_secs(20), "the emulator has not ended");
         if let Some(status) = flashed.emulator.ended().unwrap() {
@@ -80,7 +86,7 @@ fn crash_of(features: &str) -> (Crash, i32) {
 }
 
 #[test]
-fn a_panic_and_a_fault_are_told_and_have_exit_codes_of_their_own() {
+fn a_panic_a_fault_and_a_full_stack_are_told_and_have_exit_codes_of_their_own() {
     if skips() {
         return;
     }
@@ -90,4 +96,7 @@ fn a_panic_and_a_fault_are_told_and_have_exit_codes_of_their_own() {
     let (crash, status) = crash_of("provoke-fault");
     assert!(matches!(crash, Crash::HardFault { pc } if pc > 0), "{crash:?}");
     assert_eq!(status, 102);
+    // Where it was lay on the stack that was not there.
+    let (crash, status) = crash_of("provoke-overflow");
+    assert_eq!((crash, status), (Crash::HardFault { pc: 0 }, 102));
 }

@@ -28,7 +28,8 @@ pub(crate) trait Board {
     /// Has the UART's interrupt come, to send what waits.
     fn start_sending();
 
-    /// Sends a byte without interrupts, waiting for the UART; after a crash.
+    /// Sends a byte without interrupts, waiting for the UART, though not for
+    /// ever; after a crash.
     fn send_polled(byte: u8);
 
     /// Runs `SysTick` at this rate, Hz; 0 stops it.

@@ -176,6 +176,7 @@ impl Board for Stm32f405 {
         NVIC::pend(Interrupt::USART1);
     }
 
+    #[inline(never)]
     fn send_polled(byte: u8) {
         let usart = usart();
         if comes(UART_PATIENCE, || usart.sr().read().txe().bit_is_set()) {
