@@ -12,6 +12,7 @@
 
 use crate::actor::Action;
 use crate::guard::Trusted;
+use crate::trig::sin_cos;
 use crate::wire::flags;
 use micromath::F32Ext;
 
@@ -140,7 +141,7 @@ impl Gait {
 
     /// Takes the action for the flight and stance to come.
     pub fn set_action(&mut self, action: Action) {
-        let touchdown_y_m = self.rest_length_m * sin(action.touchdown_angle_rad);
+        let touchdown_y_m = self.rest_length_m * sin_cos(action.touchdown_angle_rad).0;
         self.plan = Some(Plan { action, touchdown_y_m });
     }
 
@@ -243,7 +244,7 @@ impl Gait {
         self.phase = Phase::Stance {
             touchdown_ns: now.t_ns.saturating_sub((1e9 * since_s) as u64),
             elongation_speed_m_s: self.plan.map_or(0.0, |p| p.action.elongation_speed_m_s),
-            from_foot_m: self.rest_length_m * cos(angle_rad) + now.vx_m_s * since_s,
+            from_foot_m: self.rest_length_m * sin_cos(angle_rad).1 + now.vx_m_s * since_s,
         };
     }
 
@@ -272,23 +273,6 @@ impl Gait {
         let s = 2.0 * h / (libm::sqrtf(discriminant) - now.vy_m_s);
         s.is_finite().then_some(s)
     }
-}
-
-/// Largest magnitude of an angle here, rad; a policy's angles are within 0 to
-/// pi. Said to the compiler in so many bits, it keeps the reduction of large
-/// arguments, 6 KiB with its arithmetic, out of an image.
-const MAX_ANGLE_RAD: f32 = 4.0;
-
-fn is_angle(angle_rad: f32) -> bool {
-    angle_rad.to_bits() & !(1 << 31) <= MAX_ANGLE_RAD.to_bits()
-}
-
-fn sin(angle_rad: f32) -> f32 {
-    if is_angle(angle_rad) { libm::sinf(angle_rad) } else { 0.0 }
-}
-
-fn cos(angle_rad: f32) -> f32 {
-    if is_angle(angle_rad) { libm::cosf(angle_rad) } else { 0.0 }
 }
 
 /// The apex between two samples: where the vertical velocity, taken as linear

@@ -69,5 +69,6 @@ pub mod medium;
 pub mod policy;
 mod postcard_once;
 pub mod serial;
+mod trig;
 pub mod velocity;
 pub mod wire;

@@ -1,4 +1,7 @@
-//! What the end-to-end tests share.
+//! What the end-to-end tests and the repository's own commands share.
+
+pub mod board;
+pub mod emulator;
 
 use std::path::PathBuf;
 use std::process::Command;

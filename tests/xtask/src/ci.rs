@@ -1,30 +1,44 @@
 //! The whole check, in the order in which failures are cheapest to learn of.
 
-use crate::{setup, step::Step};
+use crate::{hil, setup, step::Step};
 use anyhow::Result;
+use std::time::Instant;
 
-const STEPS: [Step; 7] = [
-    Step::new("format", "cargo", "fmt --all --check"),
-    Step::new(
-        "controller without std",
-        "cargo",
-        "clippy -p controller --target thumbv7em-none-eabihf -- -D warnings",
-    ),
-    Step::new("lints", "cargo", "clippy --workspace --all-targets --all-features -- -D warnings"),
-    Step::new("docs", "cargo", "doc --workspace --no-deps --all-features")
-        .with_env("RUSTDOCFLAGS", "-D warnings"),
-    Step::new("tests", "cargo", "test --workspace --all-features"),
-    Step::new("benches compile", "cargo", "bench --workspace --no-run"),
-    Step::new("the main job", "cargo", "run --release -- --json"),
-];
+/// Ticks of the shore that the emulated board plays in the check.
+const HIL_TICKS: u64 = 20_000;
+
+fn steps() -> Vec<Step> {
+    let cargo = |name, args| Step::new(name, "cargo", args);
+    vec![
+        cargo("format", "fmt --all --check"),
+        cargo(
+            "controller without std",
+            "clippy -p controller --target thumbv7em-none-eabihf -- -D warnings",
+        ),
+        cargo("controller on a Cortex-M0", "check -p controller --target thumbv6m-none-eabi"),
+        cargo("controller on RISC-V", "check -p controller --target riscv32imac-unknown-none-elf"),
+        cargo("format of the firmware", "fmt --check").within("controller/firmware"),
+        cargo("lints", "clippy --workspace --all-targets --all-features -- -D warnings"),
+        cargo("docs", "doc --workspace --no-deps --all-features")
+            .with_env("RUSTDOCFLAGS", "-D warnings"),
+        cargo("tests", "test --workspace --all-features"),
+        cargo("benches compile", "bench --workspace --no-run"),
+        cargo("the main job", "run --release -- --json"),
+    ]
+}
 
 /// Runs every step and prints how long each took.
 pub(crate) fn run() -> Result<()> {
     setup::run()?;
     let mut times = Vec::new();
-    for step in &STEPS {
+    for step in steps() {
         times.push((step.name, step.run()?));
     }
+    println!("\n=== hardware in the loop: cargo xtask hil --ticks {HIL_TICKS}");
+    let start = Instant::now();
+    hil::run(&hil::Args::emulated(HIL_TICKS))?;
+    times.push(("hardware in the loop", start.elapsed()));
+
     println!("\nall passed");
     for (name, time) in times {
         println!("{:>7.1} s  {name}", time.as_secs_f64());

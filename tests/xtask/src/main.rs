@@ -1,10 +1,14 @@
-//! The repository's own commands: `cargo xtask ci`, `cargo xtask setup`.
+//! The repository's own commands; `cargo xtask --help` lists them.
 
 mod ci;
+mod flash;
+mod hil;
 mod setup;
+mod soak;
 mod step;
 
 use clap::{Parser, Subcommand};
+use std::fmt;
 use std::process::ExitCode;
 
 /// The repository's own commands.
@@ -21,18 +25,45 @@ enum Command {
     Ci,
     /// Install what is missing, or say what to install.
     Setup,
+    /// Flash a real board by probe-rs.
+    Flash(flash::Args),
+    /// Hardware in the loop: the shore, played to a flashed controller.
+    Hil(hil::Args),
+    /// The tests of the flashed controller, long.
+    Soak(soak::Args),
 }
 
 fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Ci => ci::run(),
         Command::Setup => setup::run(),
+        Command::Flash(args) => flash::run(&args),
+        Command::Hil(args) => hil::run(&args),
+        Command::Soak(args) => soak::run(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("error: {error:#}");
-            ExitCode::FAILURE
+            ExitCode::from(if error.is::<Misuse>() { 2 } else { 1 })
         }
     }
 }
+
+/// An error that the caller can put right: exit status 2.
+#[derive(Debug)]
+struct Misuse(String);
+
+impl Misuse {
+    fn of(what: String) -> anyhow::Error {
+        Self(what).into()
+    }
+}
+
+impl fmt::Display for Misuse {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Misuse {}

@@ -1,26 +1,64 @@
 //! What the checks need beside cargo, and how to get it.
 
 use crate::step::{Step, output_of};
-use anyhow::Result;
+use anyhow::{Result, bail};
 
-/// A microcontroller target: proves that the controller needs no std.
-pub(crate) const CORTEX_M4F: &str = "thumbv7em-none-eabihf";
+/// Targets that the controller is built for: the Cortex-M4F and M7 of the
+/// firmware, the smallest Cortex-M, and RISC-V.
+const TARGETS: [&str; 3] =
+    ["thumbv7em-none-eabihf", "thumbv6m-none-eabi", "riscv32imac-unknown-none-elf"];
+
+/// Programs, each with the Debian package that has it.
+const PROGRAMS: [(&str, &str); 2] =
+    [("qemu-system-arm", "qemu-system-arm"), ("arm-none-eabi-objdump", "binutils-arm-none-eabi")];
 
 /// Installs what is missing.
 pub(crate) fn run() -> Result<()> {
+    rust()?;
+    programs()?;
+    let (targets, programs) = (TARGETS.join(", "), PROGRAMS.map(|(program, _)| program).join(", "));
+    println!("setup: rustfmt, clippy, {targets}, {programs} are there");
+    Ok(())
+}
+
+fn rust() -> Result<()> {
     let components = output_of("rustup", &["component", "list", "--installed"]).unwrap_or_default();
-    for (component, install) in [
-        ("rustfmt", Step::new("rustfmt", "rustup", "component add rustfmt")),
-        ("clippy", Step::new("clippy", "rustup", "component add clippy")),
-    ] {
+    for component in ["rustfmt", "clippy"] {
         if !components.lines().any(|line| line.starts_with(component)) {
-            install.run()?;
+            Step::new(component, "rustup", "component add").with(component).run()?;
         }
     }
     let targets = output_of("rustup", &["target", "list", "--installed"]).unwrap_or_default();
-    if !targets.lines().any(|line| line == CORTEX_M4F) {
-        Step::new("Cortex-M4F target", "rustup", "target add thumbv7em-none-eabihf").run()?;
+    for target in TARGETS {
+        if !targets.lines().any(|line| line == target) {
+            Step::new(target, "rustup", "target add").with(target).run()?;
+        }
     }
-    println!("setup: rustfmt, clippy and the target {CORTEX_M4F} are there");
+    Ok(())
+}
+
+/// The emulator, and the ARM binutils that disassemble what runs on it.
+pub(crate) fn programs() -> Result<()> {
+    let missing: Vec<_> = PROGRAMS
+        .iter()
+        .filter(|(program, _)| output_of(program, &["--version"]).is_none())
+        .map(|(_, package)| *package)
+        .collect();
+    if missing.is_empty() {
+        return Ok(());
+    }
+    let packages = missing.join(" ");
+    let is_root = output_of("id", &["-u"]).is_some_and(|id| id.trim() == "0");
+    if !is_root || output_of("apt-get", &["--version"]).is_none() {
+        bail!(
+            "missing: {packages} (by their Debian names). Install them, for instance with \
+             `sudo apt-get install {packages}`, then run this again"
+        );
+    }
+    Step::new("package lists", "apt-get", "update").run()?;
+    Step::new("packages", "apt-get", "install --yes --no-install-recommends")
+        .with(&packages)
+        .with_env("DEBIAN_FRONTEND", "noninteractive")
+        .run()?;
     Ok(())
 }

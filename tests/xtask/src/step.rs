@@ -1,45 +1,56 @@
 //! One step of a check: a command, said before it runs, timed, failing loudly.
 
 use anyhow::{Context, Result, bail};
-use std::path::PathBuf;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-/// The repository's root, from which every step runs.
-pub(crate) fn root() -> PathBuf {
-    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../..")
-}
+use tests::root;
 
 /// A named command line.
+#[derive(Clone, Debug)]
 pub(crate) struct Step {
     pub(crate) name: &'static str,
     program: &'static str,
-    args: &'static str,
-    env: Option<(&'static str, &'static str)>,
+    args: String,
+    folder: &'static str,
+    env: Option<(&'static str, String)>,
 }
 
 impl Step {
-    pub(crate) const fn new(name: &'static str, program: &'static str, args: &'static str) -> Self {
-        Self { name, program, args, env: None }
+    pub(crate) fn new(name: &'static str, program: &'static str, args: &str) -> Self {
+        Self { name, program, args: args.to_owned(), folder: ".", env: None }
     }
 
-    pub(crate) const fn with_env(mut self, key: &'static str, value: &'static str) -> Self {
-        self.env = Some((key, value));
+    /// With these arguments too.
+    pub(crate) fn with(mut self, more: &str) -> Self {
+        self.args = format!("{} {more}", self.args);
+        self
+    }
+
+    /// In this folder of the repository, not in its root.
+    pub(crate) fn within(mut self, folder: &'static str) -> Self {
+        self.folder = folder;
+        self
+    }
+
+    pub(crate) fn with_env(mut self, key: &'static str, value: impl Into<String>) -> Self {
+        self.env = Some((key, value.into()));
         self
     }
 
     /// Runs it and returns how long it took.
     pub(crate) fn run(&self) -> Result<Duration> {
-        println!("\n=== {}: {} {}", self.name, self.program, self.args);
+        let Self { name, program, args, .. } = self;
+        println!("\n=== {name}: {program} {args}");
         let start = Instant::now();
-        let status = Command::new(self.program)
-            .args(self.args.split_whitespace())
-            .envs(self.env)
-            .current_dir(root())
+        let status = Command::new(program)
+            .args(args.split_whitespace())
+            .envs(self.env.clone())
+            .current_dir(root().join(self.folder))
             .status()
-            .with_context(|| format!("cannot start `{}`; is it installed?", self.program))?;
+            .with_context(|| format!("cannot start `{program}`; is it installed?"))?;
         if !status.success() {
-            bail!("{}: `{} {}` ended with {status}", self.name, self.program, self.args);
+            bail!("{name}: `{program} {args}` ended with {status}");
         }
         Ok(start.elapsed())
     }

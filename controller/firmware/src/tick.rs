@@ -1,0 +1,40 @@
+//! The control tick of live mode: `SysTick`, at the rate of the last reset.
+
+use core::sync::atomic::{AtomicU32, Ordering};
+
+use controller::serial::frame::{self, MAX_FRAME};
+use controller::serial::message::{Mode, ToHost};
+use controller::serial::pilot::{Pilot, SharedPilot};
+use cortex_m::peripheral::SCB;
+use cortex_m_rt::exception;
+
+use crate::board::{Board, Selected};
+use crate::pilot::PILOT;
+use crate::{crash, line};
+
+/// Ticks a second of the running timer, Hz; 0 while it stands.
+static RATE_HZ: AtomicU32 = AtomicU32::new(0);
+
+/// Starts, changes or stops the timer, as the pilot's mode wants it.
+pub(crate) fn follow_mode() {
+    let rate_hz = PILOT.with(|pilot| match pilot.mode() {
+        Mode::Live => pilot.terms().rate_hz,
+        Mode::Idle | Mode::LockStep => 0,
+    });
+    if RATE_HZ.swap(rate_hz, Ordering::Relaxed) != rate_hz {
+        Selected::set_tick_rate(rate_hz);
+    }
+}
+
+#[exception]
+fn SysTick() {
+    let Some((turn, command)) = PILOT.with(Pilot::live_tick) else { return };
+    crash::remember(turn, &command);
+    let mut out = [0; MAX_FRAME];
+    if let Ok(frame) = frame::encode(&ToHost::Command { turn, command }, &mut out) {
+        line::send(frame);
+    }
+    if SCB::is_pendst_pending() {
+        PILOT.with(Pilot::count_overrun);
+    }
+}

@@ -1,0 +1,137 @@
+//! A flashed controller for a test, and how to talk to it.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, OnceLock, PoisonError};
+use std::time::{Duration, Instant};
+
+use controller::host::Stop;
+use controller::host::serial::client::{Client, HELLO_PATIENCE, Heard};
+use controller::host::serial::stream::{ByteStream, Endpoint};
+use controller::serial::message::{Mode, Request, Statistics};
+use controller::wire::{Command, Sample};
+use tempfile::TempDir;
+use tests::board::{BOARDS, Image};
+use tests::emulator::{self, Emulator};
+
+/// Ticks a second of every test here.
+pub(crate) const RATE_HZ: u32 = 1_000;
+/// Gravity of every test here, m/s2.
+pub(crate) const GRAVITY_M_S2: f32 = 9.81;
+/// The emulator answers within a millisecond; a test machine may be busy.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// How many ticks a test plays: `usual`, or more when `LEG_HIL_TICKS` says so.
+pub(crate) fn ticks(usual: u64) -> u64 {
+    match std::env::var("LEG_HIL_TICKS") {
+        Ok(ticks) => ticks.parse::<u64>().expect("LEG_HIL_TICKS is a number of ticks").max(usual),
+        Err(_) => usual,
+    }
+}
+
+/// The image of the default board with these features more, built once each.
+pub(crate) fn image(features: &str) -> Image {
+    static BUILT: OnceLock<Mutex<Vec<(String, Image)>>> = OnceLock::new();
+    let built = BUILT.get_or_init(Mutex::default);
+    let mut built = built.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some((_, image)) = built.iter().find(|(name, _)| name == features) {
+        return image.clone();
+    }
+    let image = BOARDS[0].build_with(features).expect("the firmware builds");
+    built.push((features.to_owned(), image.clone()));
+    image
+}
+
+pub(crate) fn shipped() -> PathBuf {
+    tests::root().join("controller/policies/robust.bin")
+}
+
+/// Whether to skip, for want of an emulator; says so.
+pub(crate) fn skips() -> bool {
+    let skips = !emulator::is_installed();
+    if skips {
+        eprintln!("skipped: qemu-system-arm is not installed; `cargo xtask setup` installs it");
+    }
+    skips
+}
+
+/// An emulated board, and a client at its line.
+pub(crate) struct Flashed {
+    pub(crate) client: Client,
+    pub(crate) emulator: Emulator,
+    turn: u32,
+    _folder: TempDir,
+}
+
+impl Flashed {
+    /// The default board with this policy in slot A, over a good line.
+    pub(crate) fn start(policy: Option<&Path>) -> Self {
+        Self::start_image(&image(""), policy, |stream| stream)
+    }
+
+    /// As [`Self::start`], of any image, over whatever `line` makes of the line.
+    pub(crate) fn start_image(
+        image: &Image,
+        policy: Option<&Path>,
+        line: impl FnOnce(Box<dyn ByteStream>) -> Box<dyn ByteStream>,
+    ) -> Self {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let emulator = Emulator::start(image, policy, folder.path()).expect("the emulator starts");
+        let endpoint = Endpoint::Unix(emulator.uart().to_owned());
+        let stream = line(endpoint.open().expect("the UART's socket"));
+        let client = Client::new(stream, &Stop::default());
+        let mut flashed = Self { client, emulator, turn: 0, _folder: folder };
+        flashed.client.identify(HELLO_PATIENCE).expect("it answers");
+        flashed
+    }
+
+    /// Forgets the run and begins another.
+    pub(crate) fn reset(&mut self, mode: Mode) {
+        let reset = Request::Reset { session: 7, rate_hz: RATE_HZ, gravity_m_s2: GRAVITY_M_S2 };
+        self.client.have_done(&reset).expect("a reset");
+        self.client.have_done(&Request::SetMode(mode)).expect("a mode");
+    }
+
+    /// The command for a sample: a tick, in lock-step.
+    pub(crate) fn command(&mut self, sample: &Sample) -> Command {
+        self.turn += 1;
+        self.client.post_sample(self.turn, sample).expect("the line");
+        self.await_command()
+    }
+
+    /// The command that comes next, for the sample that was posted last.
+    pub(crate) fn await_command(&mut self) -> Command {
+        let begun = Instant::now();
+        while begun.elapsed() < PATIENCE {
+            match self.client.listen(PATIENCE).expect("the line") {
+                Heard::Command { command, .. } => return command,
+                Heard::Alarm(alarm) => panic!("{alarm:?}"),
+                Heard::Nothing | Heard::Reply => (),
+            }
+        }
+        panic!("no command for turn {} in {PATIENCE:?}", self.turn);
+    }
+
+    pub(crate) fn statistics(&mut self) -> Statistics {
+        self.client.statistics().expect("statistics")
+    }
+}
+
+/// All that a command says, its floats by their bits.
+pub(crate) fn bits(command: &Command) -> ([u64; 5], [u32; 10]) {
+    let h = &command.header;
+    (
+        [h.version.into(), h.flags.into(), h.epoch.into(), h.seq, h.t_ns],
+        [
+            command.leg_angle_rad.to_bits(),
+            command.elongation_m.to_bits(),
+            command.elongation_rate_m_s.to_bits(),
+            command.apex_vx_m_s.to_bits(),
+            command.apex_y_m.to_bits(),
+            command.density_ratio.to_bits(),
+            command.velocity_offset_m_s.to_bits(),
+            command.apexes,
+            command.rejected,
+            command.reserved,
+        ],
+    )
+}

@@ -1,0 +1,89 @@
+//! What goes wrong on the board: no policy, a bad one, a panic, a fault.
+
+use std::time::{Duration, Instant};
+
+use controller::host::serial::client::Heard;
+use controller::policy::SHIPPED;
+use controller::serial::message::{Alarm, BlobFault, Crash, Mode, SlotFault};
+use controller::wire::{Header, Sample, WIRE_VERSION, flags};
+
+use crate::board::{Flashed, image, shipped, skips};
+
+fn sample(seq: u64) -> Sample {
+    let header = Header {
+        version: WIRE_VERSION,
+        flags: flags::CONTACT_SENSED,
+        epoch: 3,
+        seq,
+        t_ns: seq * 1_000_000,
+    };
+    let t_s = seq as f32 * 1e-3;
+    Sample { header, y_m: 2.0 - 4.9 * t_s * t_s, vy_m_s: -9.81 * t_s, ..Sample::default() }
+}
+
+#[test]
+fn without_a_policy_the_leg_stays_safe_and_it_says_why() {
+    if skips() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let damaged = folder.path().join("damaged.bin");
+    let mut bytes = SHIPPED.to_vec();
+    bytes[9_000] ^= 4;
+    std::fs::write(&damaged, bytes).unwrap();
+    for (policy, fault) in
+        [(None, SlotFault::Empty), (Some(&damaged), SlotFault::Blob(BlobFault::Crc))]
+    {
+        let mut flashed = Flashed::start(policy.map(std::path::PathBuf::as_path));
+        assert_eq!(flashed.client.identify(Duration::from_secs(5)).unwrap().policy, None);
+        let [a, b] = flashed.client.slots().unwrap();
+        assert_eq!((a.content, b.content), (Err(fault), Err(SlotFault::Empty)));
+        flashed.reset(Mode::LockStep);
+        for seq in 0..20 {
+            let command = flashed.command(&sample(seq));
+            assert_eq!(command.header.seq, seq);
+            assert_ne!(command.header.flags & flags::SAFE, 0);
+            assert_eq!(command.leg_angle_rad, core::f32::consts::FRAC_PI_2);
+            assert_eq!((command.elongation_m, command.elongation_rate_m_s), (0.0, 0.0));
+        }
+    }
+}
+
+/// Runs an image that breaks off; what it said last, and its exit status.
+fn crash_of(features: &str) -> (Crash, i32) {
+    let mut flashed = Flashed::start_image(&image(features), Some(&shipped()), |line| line);
+    flashed.reset(Mode::LockStep);
+    let begun = Instant::now();
+    let mut seq = 0;
+    let crash = loop {
+        assert!(begun.elapsed() < Duration::from_secs(20), "no crash in {seq} ticks");
+        seq += 1;
+        flashed.client.post_sample(seq as u32, &sample(seq)).unwrap();
+        match flashed.client.listen(Duration::from_millis(100)) {
+            Ok(Heard::Alarm(Alarm::Crash(crash))) => break crash,
+            Ok(_) => (),
+            Err(error) => panic!("the line ended before the alarm: {error}"),
+        }
+    };
+    let status = loop {
+        assert!(begun.elapsed() < Duration::from_secs(20), "the emulator has not ended");
+        if let Some(status) = flashed.emulator.ended().unwrap() {
+            break status.code().expect("it exits");
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    };
+    (crash, status)
+}
+
+#[test]
+fn a_panic_and_a_fault_are_told_and_have_exit_codes_of_their_own() {
+    if skips() {
+        return;
+    }
+    let (crash, status) = crash_of("provoke-panic");
+    assert!(matches!(crash, Crash::Panic { line } if line > 0), "{crash:?}");
+    assert_eq!(status, 101);
+    let (crash, status) = crash_of("provoke-fault");
+    assert!(matches!(crash, Crash::HardFault { pc } if pc > 0), "{crash:?}");
+    assert_eq!(status, 102);
+}

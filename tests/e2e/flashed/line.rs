@@ -1,0 +1,107 @@
+//! The line itself: nothing is lost on a good one, nothing false is taken from
+//! a bad one.
+
+use std::time::Duration;
+
+use controller::control::{Config, Controller};
+use controller::host::memory::Inline;
+use controller::host::serial::Noisy;
+use controller::host::{Link, LinkError};
+use controller::policy::{Policy, SHIPPED};
+use controller::serial::message::Mode;
+use controller::wire::{Command, Sample};
+use sim_host::scenario::{Scenario, Settings};
+use sim_host::session::lock_step::{self, Options};
+
+use crate::board::{Flashed, GRAVITY_M_S2, RATE_HZ, image, shipped, skips, ticks};
+
+/// A leg's link to the flashed controller alone.
+struct OverTheLine<'f>(&'f mut Flashed, Option<Command>);
+
+impl Link for OverTheLine<'_> {
+    type Sends = Sample;
+    type Receives = Command;
+
+    fn send(&mut self, sample: &Sample) -> Result<(), LinkError> {
+        self.1 = Some(self.0.command(sample));
+        Ok(())
+    }
+
+    fn receive(&mut self, _timeout: Duration) -> Result<Option<Command>, LinkError> {
+        Ok(self.1.take())
+    }
+}
+
+fn water(ticks: u64) -> Scenario {
+    let settings = Settings {
+        density_ratio: Some(0.5),
+        set_point_m_s: Some(0.3),
+        duration_s: Some(ticks as f64 / f64::from(RATE_HZ)),
+        ..Settings::default()
+    };
+    Scenario::from_settings(&settings).expect("a scenario")
+}
+
+/// Hash of the run with a controller in this process.
+fn hash_here(scenario: &Scenario) -> u64 {
+    let config = Config::at_rate(RATE_HZ).unwrap().with_gravity(GRAVITY_M_S2).unwrap();
+    let mut controller = Controller::new(Policy::parse(SHIPPED).unwrap(), config);
+    let mut link = Inline::new(|sample| controller.tick(Some(sample)));
+    lock_step::run(scenario, &mut link, Options::default(), |_| ()).unwrap().state_hash
+}
+
+#[test]
+fn no_message_is_lost_on_a_good_line() {
+    if skips() {
+        return;
+    }
+    let scenario = water(ticks(10_000).min(10_000));
+    let mut flashed = Flashed::start(Some(&shipped()));
+    flashed.reset(Mode::LockStep);
+    let before = flashed.client.counts().commands;
+    let mut link = OverTheLine(&mut flashed, None);
+    let outcome = lock_step::run(&scenario, &mut link, Options::default(), |_| ()).unwrap();
+    assert_eq!(outcome.state_hash, hash_here(&scenario));
+
+    let there = flashed.statistics();
+    let here = *flashed.client.counts();
+    println!("{} ticks; there {there:?}; here {here:?}", outcome.ticks);
+    // The run, and its farewell.
+    assert_eq!(here.commands - before, outcome.ticks + 1);
+    assert_eq!(u64::from(there.ticks), outcome.ticks + 1);
+    assert_eq!((there.lost_bytes, there.unsent), (0, 0));
+    let bad = there.line.crc_errors + there.line.oversize + there.line.version + there.line.unknown;
+    // The first byte on the line may be a stray one.
+    assert!(bad == 0 && there.line.malformed <= 1, "{:?}", there.line);
+    assert!(there.stack_used > 0 && there.stack_used < there.stack_size, "{there:?}");
+}
+
+#[test]
+fn of_one_damaged_byte_in_a_hundred_nothing_false_is_taken() {
+    if skips() {
+        return;
+    }
+    let scenario = water(ticks(1_000).min(10_000));
+    let mut flashed = Flashed::start_image(&image(""), Some(&shipped()), |line| {
+        Box::new(Noisy::new(line, 0.01, 3))
+    });
+    flashed.reset(Mode::LockStep);
+    let mut link = OverTheLine(&mut flashed, None);
+    let outcome = lock_step::run(&scenario, &mut link, Options::default(), |_| ()).unwrap();
+    assert_eq!(outcome.state_hash, hash_here(&scenario), "a false command was taken");
+
+    let there = flashed.statistics();
+    let (here, line) = (*flashed.client.counts(), *flashed.client.line_counts());
+    println!("{} ticks; there {there:?}; here {here:?}, {line:?}", outcome.ticks);
+    // Each tick once, however often it was said.
+    assert_eq!(u64::from(there.ticks), outcome.ticks + 1);
+    assert!(there.repeated > 0 && here.sample_retries > 0);
+    assert!(there.line.crc_errors > 0 && line.crc_errors > 0);
+    assert!(there.line.resyncs > 0 && line.resyncs > 0);
+    // What was said here came as a good frame or as a bad one, or was split by
+    // a zero or joined to its neighbour by the loss of one.
+    let said = outcome.ticks + 1 + here.sample_retries;
+    let l = there.line;
+    let came = u64::from(l.frames + l.crc_errors + l.malformed + l.oversize + l.version);
+    assert!(came >= said && came < said + said / 2, "said {said}, came {came}");
+}

@@ -1,0 +1,14 @@
+//! The flashed controller, in the emulator, over its real serial line.
+//!
+//! These tests skip, and say so, where the emulator is not installed (`cargo
+//! xtask setup` installs it). They are short here; `LEG_HIL_TICKS=100000` makes
+//! them long, as `cargo xtask soak` does.
+
+mod board;
+mod crashes;
+mod identity;
+mod line;
+mod live;
+mod policies;
+mod senses;
+mod uploads;

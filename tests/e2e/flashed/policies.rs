@@ -1,0 +1,22 @@
+//! Policies to swap between.
+
+use controller::host::blob::AlignedBytes;
+use controller::policy::{Manifest, Policy, SHIPPED, write};
+
+/// The shipped policy's actor with other gains and other clips: another policy,
+/// that hops as well.
+pub(crate) fn sibling() -> &'static [u8] {
+    let policy = Policy::parse(SHIPPED).expect("the shipped policy");
+    let mut manifest = Manifest { name: "sibling", ..policy.manifest().clone() };
+    manifest.action.high[0] -= 0.05;
+    manifest.action.low[0] += 0.05;
+    for gains in &mut manifest.gains {
+        gains.ki *= 0.9;
+        gains.kp *= 0.9;
+    }
+    let mut bytes = AlignedBytes::zeros(SHIPPED.len() + 64);
+    let len = write(&manifest, policy.actor().weights(), bytes.as_mut_slice()).expect("a policy");
+    bytes.truncate(len);
+    // For as long as the test: controllers borrow it.
+    Box::leak(Box::new(bytes)).as_slice()
+}

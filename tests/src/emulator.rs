@@ -1,0 +1,97 @@
+//! A board in the emulator: the firmware runs, its UART is a unix socket.
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+
+use crate::board::Image;
+
+const EMULATOR: &str = "qemu-system-arm";
+/// The emulator listens within a few hundred milliseconds, on a busy machine too.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// Whether the emulator is installed here.
+#[must_use]
+pub fn is_installed() -> bool {
+    let version = Command::new(EMULATOR).arg("--version").output();
+    version.is_ok_and(|output| output.status.success())
+}
+
+/// A running emulator; ended when dropped.
+#[derive(Debug)]
+pub struct Emulator {
+    child: Child,
+    uart: PathBuf,
+}
+
+impl Emulator {
+    /// Starts the image, with a policy blob in slot A if one is given. The UART
+    /// is the socket `uart.sock` in `folder`.
+    ///
+    /// # Errors
+    /// When the emulator is missing, or does not start.
+    pub fn start(image: &Image, policy: Option<&Path>, folder: &Path) -> Result<Self> {
+        let uart = folder.join("uart.sock");
+        let mut command = Command::new(EMULATOR);
+        command
+            .args(["-machine", image.board.machine])
+            .args(["-display", "none", "-monitor", "none", "-nodefaults"])
+            .args(image.board.peripherals)
+            .args(["-semihosting-config", "enable=on,target=native"])
+            .arg("-serial")
+            .arg(format!("unix:{},server=on,wait=off", uart.display()))
+            .arg("-kernel")
+            .arg(&image.path)
+            .stdin(Stdio::null());
+        if let Some(policy) = policy {
+            let at = image.symbol("__slot_a")?;
+            let file = policy.display();
+            command.args(["-device", &format!("loader,file={file},addr={at:#x},force-raw=on")]);
+        }
+        let child = command.spawn().with_context(|| {
+            format!("cannot start {EMULATOR}; `cargo xtask setup` installs it, or says how")
+        })?;
+        let mut emulator = Self { child, uart };
+        let begun = Instant::now();
+        while !emulator.uart.exists() {
+            if let Some(status) = emulator.ended()? {
+                bail!("{EMULATOR} ended at once, with {status}; its message is above");
+            }
+            if begun.elapsed() > PATIENCE {
+                bail!("{EMULATOR} has not opened {} in {PATIENCE:?}", emulator.uart.display());
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        Ok(emulator)
+    }
+
+    /// The socket of the board's UART.
+    #[must_use]
+    pub fn uart(&self) -> &Path {
+        &self.uart
+    }
+
+    /// Its process.
+    #[must_use]
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// How it ended, if it has: the exit status that the firmware chose.
+    ///
+    /// # Errors
+    /// When the system cannot tell.
+    pub fn ended(&mut self) -> Result<Option<ExitStatus>> {
+        self.child.try_wait().context("cannot ask after the emulator")
+    }
+}
+
+impl Drop for Emulator {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        let _ = std::fs::remove_file(&self.uart);
+    }
+}

@@ -1,0 +1,78 @@
+//! Flashing: the firmware, and a policy beside it, to a real board by probe-rs.
+
+use std::path::PathBuf;
+use std::process::Command;
+
+use anyhow::{Context, Result, bail};
+use tests::board::{BOARDS, Board};
+
+use crate::Misuse;
+use crate::step::output_of;
+
+/// Flashes the firmware, and a policy into slot A, by probe-rs.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// The board at the probe.
+    #[arg(long, value_name = "BOARD", value_parser = Board::named)]
+    board: Board,
+    /// The policy for slot A [default: the shipped one].
+    #[arg(long, value_name = "FILE")]
+    policy: Option<PathBuf>,
+}
+
+pub(crate) fn run(args: &Args) -> Result<()> {
+    let board = args.board;
+    let Some(chip) = board.chip else {
+        let real = BOARDS.iter().filter(|board| board.chip.is_some());
+        let names: Vec<_> = real.map(|board| board.name).collect();
+        return Err(Misuse::of(format!(
+            "{} is an emulated board, there is nothing to flash: `cargo run --release` in \
+             controller/firmware starts it. Real boards: {}",
+            board.name,
+            names.join(", ")
+        )));
+    };
+    if output_of("probe-rs", &["--version"]).is_none() {
+        bail!(
+            "probe-rs is not installed: `cargo install probe-rs-tools --locked` builds it (see \
+             its documentation for the udev rules that let a user open a probe)"
+        );
+    }
+    let probes = output_of("probe-rs", &["list"]).unwrap_or_default();
+    if probes.contains("No debug probes were found") || probes.trim().is_empty() {
+        bail!(
+            "probe-rs finds no probe: is it plugged in, and may this user open it? \
+             `probe-rs list` shows what it sees"
+        );
+    }
+    let image = board.build()?;
+    let policy =
+        args.policy.clone().unwrap_or_else(|| tests::root().join("controller/policies/robust.bin"));
+    if !policy.is_file() {
+        return Err(Misuse::of(format!("no policy at {}; --policy names one", policy.display())));
+    }
+    let slot = image.symbol("__slot_a")?;
+    probe_rs(Command::new("probe-rs").args(["download", "--chip", chip]).arg(&image.path))?;
+    probe_rs(
+        Command::new("probe-rs")
+            .args(["download", "--chip", chip, "--binary-format", "bin"])
+            .args(["--base-address", &format!("{slot:#x}")])
+            .arg(&policy),
+    )?;
+    probe_rs(Command::new("probe-rs").args(["reset", "--chip", chip]))?;
+    println!(
+        "{} runs, with {} in slot A; `controller identify --serial PORT` asks it",
+        board.name,
+        policy.display()
+    );
+    Ok(())
+}
+
+fn probe_rs(command: &mut Command) -> Result<()> {
+    println!("{command:?}");
+    let status = command.status().context("cannot start probe-rs")?;
+    if !status.success() {
+        bail!("probe-rs ended with {status}; its message is above");
+    }
+    Ok(())
+}
