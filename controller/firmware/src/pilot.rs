@@ -45,10 +45,12 @@ impl Ceiling {
 impl SharedPilot for Ceiling {
     fn with<R>(&self, f: impl FnOnce(&mut Pilot<'static>) -> R) -> R {
         exclude_ticks(|| {
-            if !self.is_free.swap(false, Ordering::Acquire) {
+            if !self.is_free.load(Ordering::Acquire) {
                 // A call within a call, or before power-up: to the safe state.
                 cortex_m::asm::udf();
             }
+            // No exchange needed: nobody who looks at it can come in between.
+            self.is_free.store(false, Ordering::Relaxed);
             // SAFETY: it was written by `power_up` (`is_free` was true), nobody
             // else has it (`is_free` is false now), and no tick begins.
             let result = f(unsafe { (*self.pilot.get()).assume_init_mut() });

@@ -51,6 +51,7 @@ impl<B: FlashChip> PolicyFlash for Slots<B> {
         if is_blank { Ok(()) } else { Err(FlashFault) }
     }
 
+    #[inline(never)]
     fn program(&mut self, slot: Slot, offset: u32, word: u32) -> Result<(), FlashFault> {
         let index = offset as usize / 4;
         if !offset.is_multiple_of(4) || index >= self.slot_len() / 4 {

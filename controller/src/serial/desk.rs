@@ -1,13 +1,12 @@
 //! Answers everything but samples, and keeps an upload until it is committed.
 
 use super::message::{
-    Alarm, BlobFault, Identity, LineCounts, MAX_CHUNK, Mode, Refusal, Reply, Request, Slot,
+    Alarm, Identity, LineCounts, MAX_CHUNK, Mode, Refusal, Reply, Request, Slot, SlotFault,
     SlotReport, Statistics, cut,
 };
 use super::pilot::{Pilot, SetPointFault, SharedPilot, Terms};
 use super::slots::{self, FlashFault, PolicyFlash};
 use crate::control::{ConfigError, RATE_HZ};
-use crate::policy::Policy;
 use crate::wire::WIRE_VERSION;
 
 /// What only the board knows, for [`Statistics`]; since power-up.
@@ -48,6 +47,10 @@ type Outcome = Result<(), Refusal>;
 ///
 /// It reaches the pilot through [`SharedPilot`] for moments only; what takes
 /// long (writing flash, checking a blob) it does outside, so ticks go on.
+///
+/// What is rare stands behind a call (`inline(never)`): inlined, each use would
+/// bring a copy of it, and all of their stack would be added up in the one
+/// frame under every sample.
 #[derive(Clone, Debug)]
 pub struct Desk<F> {
     flash: F,
@@ -61,14 +64,19 @@ impl<F: PolicyFlash> Desk<F> {
     /// After power-up: has the pilot fly the policy to run. When no slot holds
     /// one, the alarm says why.
     pub fn power_up(board: Board, flash: F, pilot: &impl SharedPilot) -> (Self, Option<Alarm>) {
-        let alarm = match slots::choose(&flash) {
-            Ok((slot, policy)) => {
-                pilot.with(|pilot| pilot.fly(slot, policy));
-                None
-            }
-            Err([a, b]) => Some(Alarm::NoPolicy { a, b }),
-        };
-        (Self { flash, board, upload: None, last: None }, alarm)
+        let desk = Self { flash, board, upload: None, last: None };
+        let alarm = desk.choose(pilot).err().map(|[a, b]| Alarm::NoPolicy { a, b });
+        (desk, alarm)
+    }
+
+    /// Has the pilot fly the newest policy that passes every check, or says why
+    /// neither slot's, A's reason first.
+    #[inline(never)]
+    fn choose(&self, pilot: &impl SharedPilot) -> Result<(), [SlotFault; 2]> {
+        let newest = slots::newest(&self.flash);
+        let Err(fault) = self.fly(newest, pilot) else { return Ok(()) };
+        let Err(other) = self.fly(newest.other(), pilot) else { return Ok(()) };
+        Err(if newest == Slot::A { [fault, other] } else { [other, fault] })
     }
 
     /// The flash behind it.
@@ -144,6 +152,7 @@ impl<F: PolicyFlash> Desk<F> {
         }
     }
 
+    #[inline(never)]
     fn identity(&self, pilot: &impl SharedPilot) -> Identity<'static> {
         pilot.with(|pilot| Identity {
             wire_version: WIRE_VERSION,
@@ -157,19 +166,24 @@ impl<F: PolicyFlash> Desk<F> {
         })
     }
 
+    #[inline(never)]
     fn slots(&self, pilot: &impl SharedPilot) -> [SlotReport<'static>; 2] {
         let running = pilot.with(|pilot| pilot.slot());
-        Slot::ALL.map(|slot| {
-            let bytes = self.flash.bytes(slot);
-            SlotReport {
-                sequence: slots::sequence(bytes),
-                running: running == Some(slot),
-                content: slots::policy(bytes)
-                    .map(|policy| (cut(policy.manifest().name), policy.crc32())),
-            }
+        Slot::ALL.map(|slot| SlotReport {
+            sequence: slots::sequence(self.flash.bytes(slot)),
+            running: running == Some(slot),
+            content: self.content(slot),
         })
     }
 
+    /// Name and checksum of the policy in a slot, once it has passed every check.
+    #[inline(never)]
+    fn content(&self, slot: Slot) -> Result<(&'static str, u32), SlotFault> {
+        let policy = slots::policy(self.flash.bytes(slot))?;
+        Ok((cut(policy.manifest().name), policy.crc32()))
+    }
+
+    #[inline(never)]
     fn begin(&mut self, length: u32, crc32: u32, pilot: &impl SharedPilot) -> Outcome {
         let (running, pending, mode) =
             pilot.with(|pilot| (pilot.slot(), pilot.swap_is_pending(), pilot.mode()));
@@ -190,6 +204,7 @@ impl<F: PolicyFlash> Desk<F> {
         Ok(())
     }
 
+    #[inline(never)]
     fn chunk(&mut self, offset: u32, bytes: &[u8]) -> Outcome {
         let upload = self.upload.as_mut().ok_or(Refusal::NotBegun)?;
         let expected = upload.received;
@@ -211,27 +226,29 @@ impl<F: PolicyFlash> Desk<F> {
         })
     }
 
-    fn verify(&self) -> Result<(Upload, Policy<'static>), Refusal> {
+    #[inline(never)]
+    fn verify(&self) -> Result<Upload, Refusal> {
         let upload = self.upload.ok_or(Refusal::NotBegun)?;
         let Upload { slot, length, crc32, received } = upload;
         if received < length {
             return Err(Refusal::Incomplete { received, length });
         }
         let blob = self.flash.bytes(slot).get(..length as usize).unwrap_or_default();
-        let policy = Policy::parse(blob).map_err(|error| Refusal::Blob(BlobFault::from(error)))?;
-        if policy.crc32() != crc32 {
-            return Err(Refusal::WrongBlob { crc32: policy.crc32() });
+        match slots::check(blob).map_err(Refusal::Blob)? {
+            found if found == crc32 => Ok(upload),
+            found => Err(Refusal::WrongBlob { crc32: found }),
         }
-        Ok((upload, policy))
     }
 
+    #[inline(never)]
     fn commit(&mut self, pilot: &impl SharedPilot) -> Outcome {
-        let (Upload { slot, length, crc32, .. }, _) = self.verify()?;
+        let Upload { slot, length, crc32, .. } = self.verify()?;
         self.upload = None;
         slots::seal(&mut self.flash, slot, length, crc32).map_err(|FlashFault| Refusal::Flash)?;
-        self.fly(slot, pilot)
+        self.fly(slot, pilot).map_err(|_| Refusal::Flash)
     }
 
+    #[inline(never)]
     fn roll_back(&mut self, pilot: &impl SharedPilot) -> Outcome {
         let (running, pending) = pilot.with(|pilot| (pilot.slot(), pilot.swap_is_pending()));
         if pending {
@@ -239,19 +256,21 @@ impl<F: PolicyFlash> Desk<F> {
         }
         let running = running.ok_or(Refusal::NoPolicy)?;
         let other = running.other();
-        slots::policy(self.flash.bytes(other)).map_err(Refusal::NothingToRollBackTo)?;
+        self.content(other).map_err(Refusal::NothingToRollBackTo)?;
         slots::revoke(&mut self.flash, running).map_err(|FlashFault| Refusal::Flash)?;
-        self.fly(other, pilot)
+        self.fly(other, pilot).map_err(|_| Refusal::Flash)
     }
 
     /// Reads the slot as it is after all writing, and has the pilot fly it.
-    fn fly(&self, slot: Slot, pilot: &impl SharedPilot) -> Outcome {
-        let policy = slots::policy(self.flash.bytes(slot)).map_err(|_| Refusal::Flash)?;
+    #[inline(never)]
+    fn fly(&self, slot: Slot, pilot: &impl SharedPilot) -> Result<(), SlotFault> {
+        let policy = slots::policy(self.flash.bytes(slot))?;
         pilot.with(|pilot| pilot.fly(slot, policy));
         Ok(())
     }
 }
 
+#[inline(never)]
 fn statistics(pilot: &impl SharedPilot, line: &LineCounts, figures: &BoardFigures) -> Statistics {
     let run = pilot.with(|pilot| *pilot.counts());
     Statistics {

@@ -19,8 +19,8 @@
 //! with the flash image, or from a probe: it needs no seal, and is of sequence
 //! 0. Blank is all ones, or all zeros, as memory that only plays flash has it.
 
-use super::message::{Slot, SlotFault};
-use crate::policy::{self, MAGIC, Policy};
+use super::message::{BlobFault, Slot, SlotFault};
+use crate::policy::{self, MAGIC, ParseError, Policy};
 
 /// Bytes at the end of a slot that are not for the blob.
 pub const SEAL_LEN: usize = 32;
@@ -133,6 +133,7 @@ impl Seal {
 
 /// The sequence number in a slot's seal; 0 without one.
 #[must_use]
+#[inline(never)]
 pub fn sequence(slot: &[u8]) -> u32 {
     Seal::read(slot).map_or(0, |(_, seal)| seal.sequence())
 }
@@ -141,6 +142,7 @@ pub fn sequence(slot: &[u8]) -> u32 {
 ///
 /// # Errors
 /// [`SlotFault`] says why there is none to run.
+#[inline(never)]
 pub fn policy(slot: &[u8]) -> Result<Policy<'_>, SlotFault> {
     let (room, seal) = Seal::read(slot).ok_or(SlotFault::Empty)?;
     let (length, crc32) = match seal {
@@ -159,34 +161,33 @@ pub fn policy(slot: &[u8]) -> Result<Policy<'_>, SlotFault> {
         }
     };
     let blob = room.get(..length).unwrap_or(room);
-    let policy = Policy::parse(blob).map_err(|error| SlotFault::Blob(error.into()))?;
+    let policy = Policy::parse(blob).map_err(|error| SlotFault::Blob(fault(error)))?;
     match crc32 {
         Some(crc32) if crc32 != policy.crc32() => Err(SlotFault::BadSeal),
         _ => Ok(policy),
     }
 }
 
-/// The policy to run after power-up: of those that pass every check the one of
-/// the highest sequence, A's if they are the same.
+/// Checks a blob that is not sealed yet; returns its checksum.
 ///
 /// # Errors
-/// Why neither slot, A's reason first.
-pub fn choose(flash: &impl PolicyFlash) -> Result<(Slot, Policy<'static>), [SlotFault; 2]> {
-    let [a, b] = Slot::ALL.map(|slot| flash.bytes(slot));
-    let (first, second) = if sequence(b) > sequence(a) {
-        ((Slot::B, b), (Slot::A, a))
-    } else {
-        ((Slot::A, a), (Slot::B, b))
-    };
-    let fault = match policy(first.1) {
-        Ok(policy) => return Ok((first.0, policy)),
-        Err(fault) => fault,
-    };
-    match policy(second.1) {
-        Ok(policy) => Ok((second.0, policy)),
-        Err(other) if first.0 == Slot::A => Err([fault, other]),
-        Err(other) => Err([other, fault]),
-    }
+/// [`BlobFault`] says what is wrong with it.
+#[inline(never)]
+pub fn check(blob: &[u8]) -> Result<u32, BlobFault> {
+    Policy::parse(blob).map(|policy| policy.crc32()).map_err(fault)
+}
+
+/// Once in an image.
+#[inline(never)]
+fn fault(error: ParseError) -> BlobFault {
+    error.into()
+}
+
+/// The slot whose seal has the highest sequence, A if they are the same: its
+/// policy is the one to run after power-up, if it passes every check.
+pub fn newest(flash: &impl PolicyFlash) -> Slot {
+    let [a, b] = Slot::ALL.map(|slot| sequence(flash.bytes(slot)));
+    if b > a { Slot::B } else { Slot::A }
 }
 
 /// Erases a slot and marks it as one that an upload was begun in.
@@ -253,6 +254,7 @@ pub fn revoke(flash: &mut impl PolicyFlash, slot: Slot) -> Result<(), FlashFault
     program_seal(flash, slot, place::REVOKED, REVOKED)
 }
 
+#[inline(never)]
 fn program_seal(
     flash: &mut impl PolicyFlash,
     slot: Slot,

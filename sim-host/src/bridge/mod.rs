@@ -2,8 +2,8 @@
 //! would be, so that the simulator cannot tell one from the other.
 //!
 //! One thread waits for the simulator on shared memory and for the controller
-//! on the line. [`target`] keeps the line and the run on it, [`forward`] moves
-//! samples and commands, [`share`] lets others ask the controller meanwhile.
+//! on the line. `target` keeps the line and the run on it, `forward` moves
+//! samples and commands, `share` lets others ask the controller meanwhile.
 
 mod forward;
 mod report;

@@ -103,9 +103,10 @@ impl Flashed {
         let begun = Instant::now();
         while begun.elapsed() < PATIENCE {
             match self.client.listen(PATIENCE).expect("the line") {
-                Heard::Command { command, .. } => return command,
+                Heard::Command { turn, command, .. } if turn == self.turn => return command,
                 Heard::Alarm(alarm) => panic!("{alarm:?}"),
-                Heard::Nothing | Heard::Reply => (),
+                // Or an answer given twice.
+                Heard::Nothing | Heard::Reply | Heard::Command { .. } => (),
             }
         }
         panic!("no command for turn {} in {PATIENCE:?}", self.turn);

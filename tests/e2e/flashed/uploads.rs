@@ -137,9 +137,9 @@ impl Link for Uploading<'_> {
         self.flashed.client.post_sample(self.turn, sample).expect("the line");
         self.reply = loop {
             match self.flashed.client.listen(Duration::from_secs(10)).expect("the line") {
-                Heard::Command { command, .. } => break Some(command),
+                Heard::Command { turn, command, .. } if turn == self.turn => break Some(command),
                 Heard::Reply => self.heard_reply(),
-                Heard::Nothing => (),
+                Heard::Nothing | Heard::Command { .. } => (),
                 Heard::Alarm(alarm) => panic!("{alarm:?}"),
             }
         };

@@ -1,4 +1,4 @@
-//! STM32F405xG: a Cortex-M4F at 168 MHz, with a crystal of 8 MHz, and the host
+//! The chip `STM32F405xG`: a Cortex-M4F at 168 MHz, with a crystal of 8 MHz, and the host
 //! at USART1: PA9 sends, PA10 receives.
 //!
 //! Written from RM0090 (reference manual) and DS8626 (data sheet). Not tried on
