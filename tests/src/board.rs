@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::Command;
 
 use anyhow::{Context, Result, bail};
-use object::{Object, ObjectSymbol};
+use object::{Object, ObjectSymbol, SymbolKind};
 
 use crate::root;
 
@@ -98,13 +98,44 @@ impl Image {
     /// # Errors
     /// When the file cannot be read or has no such symbol.
     pub fn symbol(&self, name: &str) -> Result<u64> {
+        self.with_elf(|elf| {
+            let symbol = elf.symbols().find(|symbol| symbol.name() == Ok(name));
+            Ok(symbol
+                .with_context(|| format!("{} has no symbol {name}", self.path.display()))?
+                .address())
+        })
+    }
+
+    /// The functions in it by which a program panics, by their mangled names;
+    /// empty when it cannot panic.
+    ///
+    /// Every panic goes through `core::panicking::panic_fmt`, which is never
+    /// inlined; the names of the others say what kind of panic it is.
+    ///
+    /// # Errors
+    /// When the file cannot be read or its symbols are stripped.
+    pub fn ways_to_panic(&self) -> Result<Vec<String>> {
+        const MARKS: [&str; 5] =
+            ["panic", "unwrap_failed", "expect_failed", "index_fail", "error_fail"];
+        // Without its symbols any image would pass.
+        self.symbol("HardFault")?;
+        self.with_elf(|elf| {
+            let functions = elf.symbols().filter(|symbol| symbol.kind() == SymbolKind::Text);
+            let mut names: Vec<String> = functions
+                .filter_map(|symbol| symbol.name().ok())
+                .filter(|name| MARKS.iter().any(|mark| name.contains(mark)))
+                .map(str::to_owned)
+                .collect();
+            names.sort();
+            Ok(names)
+        })
+    }
+
+    fn with_elf<R>(&self, read: impl FnOnce(&object::File<'_>) -> Result<R>) -> Result<R> {
         let bytes = std::fs::read(&self.path)
             .with_context(|| format!("cannot read {}", self.path.display()))?;
         let elf = object::File::parse(&*bytes)
             .with_context(|| format!("{} is no ELF file", self.path.display()))?;
-        let symbol = elf.symbols().find(|symbol| symbol.name() == Ok(name));
-        Ok(symbol
-            .with_context(|| format!("{} has no symbol {name}", self.path.display()))?
-            .address())
+        read(&elf)
     }
 }

@@ -100,3 +100,14 @@ fn a_panic_a_fault_and_a_full_stack_are_told_and_have_exit_codes_of_their_own() 
     let (crash, status) = crash_of("provoke-overflow");
     assert_eq!((crash, status), (Crash::HardFault { pc: 0 }, 102));
 }
+
+/// What `cargo xtask image` asks of every image; and that it would find a panic.
+#[test]
+fn the_image_has_no_way_to_panic() {
+    if skips() {
+        return;
+    }
+    assert_eq!(image("").ways_to_panic().unwrap(), [""; 0]);
+    let ways = image("provoke-panic").ways_to_panic().unwrap();
+    assert!(ways.iter().any(|name| name.contains("panic_fmt")), "{ways:?}");
+}

@@ -3,6 +3,7 @@
 mod ci;
 mod flash;
 mod hil;
+mod image;
 mod setup;
 mod soak;
 mod step;
@@ -29,6 +30,8 @@ enum Command {
     Flash(flash::Args),
     /// Hardware in the loop: the shore, played to a flashed controller.
     Hil(hil::Args),
+    /// Check that no image of the firmware has a way to panic.
+    Image,
     /// The tests of the flashed controller, long.
     Soak(soak::Args),
 }
@@ -39,6 +42,7 @@ fn main() -> ExitCode {
         Command::Setup => setup::run(),
         Command::Flash(args) => flash::run(&args),
         Command::Hil(args) => hil::run(&args),
+        Command::Image => image::run(),
         Command::Soak(args) => soak::run(&args),
     };
     match result {
