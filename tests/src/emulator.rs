@@ -55,7 +55,7 @@ impl Emulator {
         })?;
         let mut emulator = Self { child, uart };
         let begun = Instant::now();
-        while !emulator.uart.exists() {
+        while !is_listened_on(&emulator.uart) {
             if let Some(status) = emulator.ended()? {
                 bail!("{EMULATOR} ended at once, with {status}; its message is above");
             }
@@ -86,6 +86,19 @@ impl Emulator {
     pub fn ended(&mut self) -> Result<Option<ExitStatus>> {
         self.child.try_wait().context("cannot ask after the emulator")
     }
+}
+
+/// Whether somebody listens on a socket: its file is there some moments before.
+/// A connection would tell too, but the UART takes only one, and it counts.
+fn is_listened_on(socket: &Path) -> bool {
+    /// `__SO_ACCEPTCON` in the fourth column.
+    const LISTENS: &str = "00010000";
+    let sockets = std::fs::read_to_string("/proc/net/unix").unwrap_or_default();
+    let mut lines = sockets.lines().map(|line| line.split_whitespace().collect::<Vec<_>>());
+    lines.any(|columns| {
+        columns.get(3) == Some(&LISTENS)
+            && columns.last().is_some_and(|&path| Path::new(path) == socket)
+    })
 }
 
 impl Drop for Emulator {

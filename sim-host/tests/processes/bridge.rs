@@ -251,7 +251,7 @@ fn unplugged_it_ends_when_told_so_or_when_patience_is_over() {
     drop(board);
     second
         .end()
-        .assert(1, &["warning: the line", "was not back after 0.7 s", "board", "--timeout"]);
+        .assert(1, &["warning: the line", "the line was not back after", "board", "--timeout"]);
     run.end().assert(1, &["left before the run was over"]);
     place.assert_clean();
 }
@@ -264,7 +264,7 @@ fn two_bridges_do_not_get_in_each_others_way() {
     let run = place.simulator(&ENDLESS);
     place.wait_for_the_run(None);
     // A board has one line.
-    bridge(&place, &board, &[]).end().assert(1, &["nobody has answered for 3.0 s"]);
+    bridge(&place, &board, &[]).end().assert(1, &["nobody has answered for"]);
     // A domain has one controller.
     let elsewhere = Place::new();
     let other = Board::new(&elsewhere, &[]);
@@ -371,7 +371,7 @@ fn a_missing_or_mute_controller_is_named_with_what_to_do() {
     start(&["--unix", text(&path)]).end().assert(1, &[text(&path), "nobody listens there"]);
     let _mute = UnixListener::bind(&path).unwrap();
     let mute = start(&["--unix", text(&path)]).end();
-    mute.assert(1, &["nobody has answered for 3.0 s", "powered"]);
+    mute.assert(1, &["nobody has answered for", "powered"]);
     assert!(mute.took >= HELLO_PATIENCE && mute.took < SOON);
     let port = path.with_file_name("ttyACM7");
     start(&["--serial", text(&port)]).end().assert(1, &[text(&port), "2000000 baud", "plugged in"]);
@@ -384,7 +384,7 @@ fn a_missing_simulator_is_waited_for_and_named() {
     let board = Board::new(&place, &[]);
     let bridge = place.start(
         "bridge",
-        &["--unix", board.socket(), "--domain", "test", "--timeout", "1.5", "--gravity", "1.62"],
+        &["--unix", board.socket(), "--domain", "test", "--timeout", "3", "--gravity", "1.62"],
     );
     bridge.end().assert(
         1,

@@ -1,0 +1,93 @@
+//! From the inputs to the last sums, layer by layer and panel by panel.
+#![expect(clippy::inline_always, reason = "sums must stay in registers")]
+
+use super::kernel::{Column, Kernel, Outputs, Sums, fold, relu};
+use super::packing::PANEL_ROWS;
+use super::shape::INPUTS;
+
+/// The last sums, for widths and weights that belong together: [`super::Actor::new`]
+/// sees to that. (If they did not, the sums would mean nothing; nothing panics.)
+#[inline(always)]
+pub(super) fn sums<K: Kernel>(widths: &[u16], weights: &[f32], input: [f32; INPUTS]) -> Sums {
+    let mut rest = weights;
+    match widths {
+        [_, first, between @ .., last, _] => {
+            let mut x = Outputs::new();
+            hidden_layer::<K>(&mut rest, &input, usize::from(*first), &mut x);
+            let mut inputs = usize::from(*first);
+            for &width in between {
+                let width = usize::from(width);
+                let mut y = Outputs::new();
+                hidden_layer::<K>(&mut rest, flat(&x, inputs), width, &mut y);
+                (x, inputs) = (y, width);
+            }
+            last_two_layers::<K>(rest, flat(&x, inputs), usize::from(*last))
+        }
+        [_, only, _] => last_two_layers::<K>(rest, &input, usize::from(*only)),
+        _ => {
+            let (biases, columns) = last_layer(weights);
+            fold(biases, columns, &input)
+        }
+    }
+}
+
+/// The first `len` outputs, without what pads the last panel.
+fn flat(outputs: &Outputs, len: usize) -> &[f32] {
+    outputs.as_flattened().get(..len).unwrap_or_default()
+}
+
+/// Takes a hidden layer's weights from the front of `rest` and pushes its outputs.
+#[inline(always)]
+fn hidden_layer<K: Kernel>(rest: &mut &[f32], x: &[f32], width: usize, y: &mut Outputs) {
+    let narrow_rows = width % PANEL_ROWS;
+    let full = take(rest, width - narrow_rows, x.len());
+    let narrow = take(rest, narrow_rows, x.len());
+    K::push_outputs(y, full.as_chunks().0, x);
+    if narrow_rows > 0 {
+        // There is room: a width is at most `MAX_WIDTH`.
+        let _ = y.push(narrow_panel(narrow, narrow_rows, x));
+    }
+}
+
+/// The last hidden layer, whose outputs go straight into the last layer's sums: in
+/// ascending order as ever, panel by panel, and never to memory.
+#[inline(always)]
+fn last_two_layers<K: Kernel>(mut rest: &[f32], x: &[f32], width: usize) -> Sums {
+    let narrow_rows = width % PANEL_ROWS;
+    let full = take(&mut rest, width - narrow_rows, x.len());
+    let narrow = take(&mut rest, narrow_rows, x.len());
+    let (z, last) = last_layer(rest);
+    let (last_of_full, last_of_narrow) = last.as_chunks::<PANEL_ROWS>();
+    let z = K::fold_outputs(z, last_of_full, full.as_chunks().0, x);
+    if narrow_rows == 0 {
+        return z;
+    }
+    fold(z, last_of_narrow, &narrow_panel(narrow, narrow_rows, x))
+}
+
+/// Splits the weights of `rows` rows off the front.
+fn take<'w>(rest: &mut &'w [f32], rows: usize, inputs: usize) -> &'w [f32] {
+    rest.split_off(..rows * (inputs + 1)).unwrap_or_default()
+}
+
+/// The last layer's biases and columns: it is one narrow panel.
+fn last_layer(weights: &[f32]) -> (Sums, &[Sums]) {
+    weights.as_chunks().0.split_first().map_or_else(Default::default, |(b, w)| (*b, w))
+}
+
+/// Outputs of the last panel of a layer whose width is not a multiple of
+/// [`PANEL_ROWS`], padded with zeros.
+#[inline(never)]
+fn narrow_panel(weights: &[f32], rows: usize, x: &[f32]) -> Column {
+    let mut sums = Column::default();
+    let mut columns = weights.chunks_exact(rows.max(1));
+    for (sum, &bias) in sums.iter_mut().zip(columns.next().unwrap_or_default()) {
+        *sum = bias;
+    }
+    for (column, &x) in columns.zip(x) {
+        for (sum, &w) in sums.iter_mut().zip(column) {
+            *sum += w * x;
+        }
+    }
+    sums.map(relu)
+}

@@ -1,0 +1,73 @@
+//! Which networks are actors.
+
+use heapless::Vec;
+
+/// Most layers of weights in an actor.
+pub const MAX_LAYERS: usize = 4;
+/// Widest layer, inputs included.
+pub const MAX_WIDTH: usize = 128;
+/// Inputs: apex velocity, apex height, density ratio.
+pub const INPUTS: usize = 3;
+/// Outputs: touchdown angle, elongation speed.
+pub const OUTPUTS: usize = 2;
+
+/// Widths from the inputs to the outputs, such as 3, 50, 50, 2.
+pub type Widths = Vec<u16, { MAX_LAYERS + 1 }>;
+
+/// Why an architecture or its weights are refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum ShapeError {
+    /// Not 1 to [`MAX_LAYERS`] layers.
+    Layers(usize),
+    /// A width of 0 or above [`MAX_WIDTH`].
+    Width(u16),
+    /// Not [`INPUTS`] inputs.
+    Inputs(u16),
+    /// Not [`OUTPUTS`] outputs.
+    Outputs(u16),
+    /// The weights are not as many as the widths ask for.
+    Weights {
+        /// Floats that the widths ask for.
+        expected: usize,
+        /// Floats that are there.
+        found: usize,
+    },
+}
+
+impl core::fmt::Display for ShapeError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match *self {
+            Self::Layers(n) => write!(f, "{n} layers of weights, allowed are 1 to {MAX_LAYERS}"),
+            Self::Width(w) => write!(f, "a layer {w} wide, allowed are 1 to {MAX_WIDTH}"),
+            Self::Inputs(n) => write!(f, "{n} inputs, the gait gives {INPUTS}"),
+            Self::Outputs(n) => write!(f, "{n} outputs, the leg takes {OUTPUTS}"),
+            Self::Weights { expected, found } => {
+                write!(f, "{found} weights and biases, the widths ask for {expected}")
+            }
+        }
+    }
+}
+
+impl core::error::Error for ShapeError {}
+
+/// Floats in the packed weights of these widths, after checking the widths.
+///
+/// # Errors
+/// [`ShapeError`] when the widths are not those of an actor.
+pub fn packed_len(widths: &[u16]) -> Result<usize, ShapeError> {
+    let layers = widths.len().saturating_sub(1);
+    if layers == 0 || layers > MAX_LAYERS {
+        return Err(ShapeError::Layers(layers));
+    }
+    if let Some(&width) = widths.iter().find(|&&w| w == 0 || usize::from(w) > MAX_WIDTH) {
+        return Err(ShapeError::Width(width));
+    }
+    match (widths.first(), widths.last()) {
+        (Some(&n), _) if usize::from(n) != INPUTS => return Err(ShapeError::Inputs(n)),
+        (_, Some(&n)) if usize::from(n) != OUTPUTS => return Err(ShapeError::Outputs(n)),
+        _ => {}
+    }
+    let pairs = widths.iter().zip(widths.iter().skip(1));
+    Ok(pairs.map(|(&i, &o)| (usize::from(i) + 1) * usize::from(o)).sum())
+}
