@@ -23,6 +23,7 @@
 mod aligned;
 mod error;
 mod parse;
+mod read;
 mod write;
 
 use crate::actor::{Action, ActionScaling, Observation, ObservationScaling, Widths};
@@ -140,6 +141,9 @@ pub struct TestVector {
     pub action: Action,
 }
 
+/// Test vectors of a blob.
+type TestVectors = Vec<TestVector, MAX_TEST_VECTORS>;
+
 /// The whole message, borrowed from the blob.
 #[derive(Serialize, Deserialize)]
 struct Blob<'a> {
@@ -150,7 +154,7 @@ struct Blob<'a> {
     length: u32,
     #[serde(borrow)]
     manifest: Manifest<'a>,
-    test_vectors: Vec<TestVector, MAX_TEST_VECTORS>,
+    test_vectors: TestVectors,
     padding: &'a [u8],
     weights: &'a [u8],
     #[serde(with = "postcard::fixint::le")]
