@@ -40,7 +40,8 @@ pub(crate) fn to_send() -> Option<u8> {
     OUTGOING.pop()
 }
 
-/// Sends a frame, whole or not at all; never waits.
+/// Sends a frame, whole or not at all; never waits. Once in an image.
+#[inline(never)]
 pub(crate) fn send(frame: &[u8]) {
     // The tick's interrupt sends too: one frame at a time.
     pilot::exclude_ticks(|| {
