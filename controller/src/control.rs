@@ -5,7 +5,7 @@ use crate::gait::{Apex, Gait, LegTarget};
 use crate::guard::{Counts, Guard, Limits, Trusted, Verdict};
 use crate::medium::DensityEstimator;
 use crate::policy::Policy;
-use crate::velocity::Cascade;
+use crate::velocity::{Cascade, gains_at};
 use crate::wire::{Command, Header, Sample, WIRE_VERSION, flags};
 
 /// Samples in flight from which a leg that starts, or restarts, in mid-air
@@ -130,7 +130,7 @@ impl<'a> Controller<'a> {
     #[must_use]
     pub fn new(policy: Policy<'a>, config: Config) -> Self {
         Self {
-            cascade: Cascade::new(policy.manifest().gains.clone()),
+            cascade: Cascade::new(),
             gait: Self::gait(&policy),
             guard: Guard::new(config.limits),
             estimator: DensityEstimator::new(),
@@ -223,7 +223,6 @@ impl<'a> Controller<'a> {
     fn take_next(&mut self) {
         let Some(policy) = self.next.take() else { return };
         let manifest = policy.manifest();
-        self.cascade.reschedule(&manifest.gains);
         self.gait.refit(manifest.leg.rest_length_m, manifest.leg.max_elongation_m);
         self.policy = policy;
     }
@@ -266,7 +265,8 @@ impl<'a> Controller<'a> {
         let Some(found) = found else { return };
         let [low, high] = manifest.media.density_ratio;
         let density_ratio = if found > low { if found < high { found } else { high } } else { low };
-        let offset = self.cascade.update(set_point_m_s, apex.vx_m_s, density_ratio);
+        let gains = gains_at(&manifest.gains, density_ratio);
+        let offset = self.cascade.update(&gains, set_point_m_s, apex.vx_m_s);
         let observation =
             Observation { apex_vx_m_s: apex.vx_m_s - offset, apex_y_m: apex.y_m, density_ratio };
         self.gait.set_action(self.policy.actor().act(observation));

@@ -69,6 +69,35 @@ impl LegModel {
         ]
     }
 
+    /// From every parameter, in the order of declaration.
+    #[must_use]
+    pub const fn from_figures(figures: [f32; 10]) -> Self {
+        let [
+            mass_kg,
+            added_mass_kg,
+            stiffness_n_m,
+            volume_m3,
+            rest_length_m,
+            max_elongation_m,
+            area_x_m2,
+            area_y_m2,
+            drag_x,
+            drag_y,
+        ] = figures;
+        Self {
+            mass_kg,
+            added_mass_kg,
+            stiffness_n_m,
+            volume_m3,
+            rest_length_m,
+            max_elongation_m,
+            area_x_m2,
+            area_y_m2,
+            drag_x,
+            drag_y,
+        }
+    }
+
     /// Tells legs apart: the CRC-32 of the bits of every parameter, in the
     /// order of their declaration.
     #[must_use]

@@ -6,6 +6,7 @@
 //! still postcard's business; only the types that messages and blobs are made
 //! of are let through.
 
+use heapless::Vec;
 use postcard::ser_flavors::{Flavor, Slice};
 use postcard::{Error, Result};
 use serde::de::{self, DeserializeSeed, Visitor};
@@ -28,9 +29,9 @@ pub(crate) fn to_slice<'b>(value: &impl Serialize, buffer: &'b mut [u8]) -> Resu
 pub(crate) fn take_from_bytes<'de, T: Deserialize<'de>>(
     bytes: &'de [u8],
 ) -> Result<(T, &'de [u8])> {
-    let mut reader = Reader(postcard::Deserializer::from_bytes(bytes));
+    let mut reader = Reader::new(bytes);
     let value = T::deserialize(&mut reader)?;
-    Ok((value, reader.0.finalize()?))
+    Ok((value, reader.rest()?))
 }
 
 struct Writer<'b>(postcard::Serializer<Slice<'b>>);
@@ -233,14 +234,15 @@ in_order!(SerializeSeq: serialize_element(), SerializeTuple: serialize_element()
     SerializeStruct: serialize_field(&'static str),
     SerializeStructVariant: serialize_field(&'static str));
 
-struct Reader<'de>(postcard::Deserializer<'de, postcard::de_flavors::Slice<'de>>);
+/// Reads one value after the other.
+pub(crate) struct Reader<'de>(postcard::Deserializer<'de, postcard::de_flavors::Slice<'de>>);
 
 /// The primitives.
 macro_rules! primitives {
     ($($name:ident: $type:ty),+) => {
         impl<'de> Reader<'de> {
             $(#[inline(never)]
-            fn $name(&mut self) -> Result<$type> {
+            pub(crate) fn $name(&mut self) -> Result<$type> {
                 Deserialize::deserialize(&mut self.0)
             })+
         }
@@ -249,6 +251,46 @@ macro_rules! primitives {
 
 primitives!(bool: bool, u8: u8, u16: u16, u32: u32, u64: u64, f32: f32, str: &'de str,
     bytes: &'de [u8]);
+
+/// For whoever reads field by field, where serde's code would move every part
+/// over the stack several times on its way to the whole.
+impl<'de> Reader<'de> {
+    pub(crate) fn new(bytes: &'de [u8]) -> Self {
+        Self(postcard::Deserializer::from_bytes(bytes))
+    }
+
+    /// The bytes that are left.
+    pub(crate) fn rest(self) -> Result<&'de [u8]> {
+        self.0.finalize()
+    }
+
+    /// A struct or an array of floats.
+    pub(crate) fn figures<const N: usize>(&mut self) -> Result<[f32; N]> {
+        let mut figures = [0.0; N];
+        self.fill(&mut figures)?;
+        Ok(figures)
+    }
+
+    #[inline(never)]
+    fn fill(&mut self, figures: &mut [f32]) -> Result<()> {
+        for figure in figures {
+            *figure = self.f32()?;
+        }
+        Ok(())
+    }
+
+    /// A list of at most `N` parts, each read by `part`.
+    pub(crate) fn list<T, const N: usize>(
+        &mut self,
+        list: &mut Vec<T, N>,
+        part: impl Fn(&mut Self) -> Result<T>,
+    ) -> Result<()> {
+        for _ in 0..self.u32()? {
+            list.push(part(self)?).map_err(|_| Error::SerdeDeCustom)?;
+        }
+        Ok(())
+    }
+}
 
 /// Types that are a primitive.
 macro_rules! read {

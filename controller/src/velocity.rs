@@ -16,27 +16,20 @@
 //! measurement, so that a step of the set-point gives no kick. The integral is
 //! kept as an offset in m/s, so that a change of gains gives no bump.
 
-use crate::policy::{GainPoint, GainSchedule};
+use crate::policy::GainPoint;
 
 /// The velocity loop and its memory. Velocities in m/s.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Cascade {
-    schedule: GainSchedule,
     integral_m_s: f32,
     last_vx_m_s: Option<f32>,
 }
 
 impl Cascade {
-    /// A loop at rest, with the gains of a schedule by ascending density.
+    /// A loop at rest.
     #[must_use]
-    pub fn new(schedule: GainSchedule) -> Self {
-        Self { schedule, integral_m_s: 0.0, last_vx_m_s: None }
-    }
-
-    /// Goes on with other gains. The integral is an offset in m/s and stays:
-    /// the change gives no kick.
-    pub fn reschedule(&mut self, schedule: &GainSchedule) {
-        self.schedule.clone_from(schedule);
+    pub fn new() -> Self {
+        Self::default()
     }
 
     /// Forgets integral and derivative.
@@ -46,9 +39,9 @@ impl Cascade {
     }
 
     /// The offset `u`, m/s, to be subtracted from the observed velocity, after
-    /// an apex with velocity `vx_m_s` in a medium of that density ratio.
-    pub fn update(&mut self, set_point_m_s: f32, vx_m_s: f32, density_ratio: f32) -> f32 {
-        let gains = gains_at(&self.schedule, density_ratio);
+    /// an apex with velocity `vx_m_s` under these gains ([`gains_at`] finds those
+    /// of a medium).
+    pub fn update(&mut self, gains: &GainPoint, set_point_m_s: f32, vx_m_s: f32) -> f32 {
         let limit = gains.limit_m_s;
         let error = set_point_m_s - vx_m_s;
         let slope = self.last_vx_m_s.map_or(0.0, |last| vx_m_s - last);
@@ -108,10 +101,6 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn schedule(points: &[GainPoint]) -> GainSchedule {
-        GainSchedule::from_slice(points).unwrap()
-    }
-
     const WATER: GainPoint = GainPoint {
         density_ratio: 1.0,
         kp: 0.1,
@@ -131,7 +120,7 @@ mod tests {
 
     #[test]
     fn gains_are_interpolated_and_held_beyond_the_ends() {
-        let s = schedule(&[LAND, WATER]);
+        let s = [LAND, WATER];
         assert_eq!(gains_at(&s, -0.1), LAND);
         assert_eq!(gains_at(&s, 1.2), WATER);
         let middle = gains_at(&s, 0.5);
@@ -140,29 +129,30 @@ mod tests {
 
     #[test]
     fn each_term_does_its_part() {
-        let only = |p: GainPoint| {
-            let limit_m_s = 10.0;
-            Cascade::new(schedule(&[GainPoint { density_ratio: 0.0, limit_m_s, ..p }]))
+        // What comes of set-points and velocities, one after the other.
+        let offsets = |gains: GainPoint, apexes: [(f32, f32); 2]| {
+            let gains = GainPoint { limit_m_s: 10.0, ..gains };
+            let mut cascade = Cascade::new();
+            apexes.map(|(set_point, vx)| cascade.update(&gains, set_point, vx))
         };
         let zero = GainPoint::default();
-        let mut p = only(GainPoint { kp: 0.5, ..zero });
-        assert_eq!(p.update(1.0, 0.0, 0.0), 0.5);
-        let mut i = only(GainPoint { ki: 0.25, ..zero });
-        assert_eq!([i.update(1.0, 0.0, 0.0), i.update(1.0, 0.0, 0.0)], [0.25, 0.5]);
-        let mut d = only(GainPoint { kd: 0.5, ..zero });
-        assert_eq!([d.update(0.0, 1.0, 0.0), d.update(5.0, 2.0, 0.0)], [0.0, -0.5]);
-        let mut ff = only(GainPoint { feed_forward: 2.0, ..zero });
-        assert_eq!(ff.update(1.5, 9.0, 0.0), 3.0);
+        let steady = [(1.0, 0.0); 2];
+        assert_eq!(offsets(GainPoint { kp: 0.5, ..zero }, steady), [0.5, 0.5]);
+        assert_eq!(offsets(GainPoint { ki: 0.25, ..zero }, steady), [0.25, 0.5]);
+        let faster = [(0.0, 1.0), (5.0, 2.0)];
+        assert_eq!(offsets(GainPoint { kd: 0.5, ..zero }, faster), [0.0, -0.5]);
+        let ahead = [(1.5, 9.0), (0.5, 9.0)];
+        assert_eq!(offsets(GainPoint { feed_forward: 2.0, ..zero }, ahead), [3.0, 1.0]);
     }
 
     #[test]
     fn the_integral_does_not_wind_up_behind_the_limit() {
-        let mut cascade = Cascade::new(schedule(&[LAND]));
+        let mut cascade = Cascade::new();
         for _ in 0..1000 {
-            assert_eq!(cascade.update(2.0, 0.0, 0.0), 1.0);
+            assert_eq!(cascade.update(&LAND, 2.0, 0.0), 1.0);
         }
         // One apex too fast is enough to leave the limit again.
-        assert!(cascade.update(0.0, 1.0, 0.0) < 1.0);
+        assert!(cascade.update(&LAND, 0.0, 1.0) < 1.0);
     }
 
     proptest! {
@@ -170,11 +160,11 @@ mod tests {
         fn the_offset_is_always_bounded(
             steps in prop::collection::vec((-5.0_f32..5.0, -20.0_f32..20.0, 0.0_f32..1.0), 1..60)
         ) {
-            let s = schedule(&[LAND, WATER]);
-            let mut cascade = Cascade::new(s.clone());
+            let mut cascade = Cascade::new();
             for (set_point, vx, rho) in steps {
-                let u = cascade.update(set_point, vx, rho);
-                prop_assert!(u.abs() <= gains_at(&s, rho).limit_m_s);
+                let gains = gains_at(&[LAND, WATER], rho);
+                let u = cascade.update(&gains, set_point, vx);
+                prop_assert!(u.abs() <= gains.limit_m_s);
             }
         }
     }

@@ -23,6 +23,7 @@
 mod aligned;
 mod error;
 mod parse;
+mod read;
 mod write;
 
 use crate::actor::{Action, ActionScaling, Observation, ObservationScaling, Widths};
@@ -61,7 +62,14 @@ static CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 /// Once in an image, however many call it.
 #[inline(never)]
 pub(crate) fn crc32(bytes: &[u8]) -> u32 {
-    CRC.checksum(bytes)
+    // By fours: arrays are unrolled everywhere.
+    let (fours, rest) = bytes.as_chunks::<4>();
+    let mut digest = CRC.digest();
+    for four in fours {
+        digest.update(four);
+    }
+    digest.update(rest);
+    digest.finalize()
 }
 
 /// Everything in a blob but the weights and the test vectors.
@@ -140,6 +148,9 @@ pub struct TestVector {
     pub action: Action,
 }
 
+/// Test vectors of a blob.
+type TestVectors = Vec<TestVector, MAX_TEST_VECTORS>;
+
 /// The whole message, borrowed from the blob.
 #[derive(Serialize, Deserialize)]
 struct Blob<'a> {
@@ -150,7 +161,7 @@ struct Blob<'a> {
     length: u32,
     #[serde(borrow)]
     manifest: Manifest<'a>,
-    test_vectors: Vec<TestVector, MAX_TEST_VECTORS>,
+    test_vectors: TestVectors,
     padding: &'a [u8],
     weights: &'a [u8],
     #[serde(with = "postcard::fixint::le")]

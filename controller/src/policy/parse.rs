@@ -1,11 +1,10 @@
 //! From bytes to a policy that has passed every check.
 
 use super::{
-    Blob, CRC_LEN, FORMAT_VERSION, MAGIC, MIN_TEST_VECTORS, Manifest, PREAMBLE_LEN, ParseError,
-    TestVector, crc32,
+    CRC_LEN, FORMAT_VERSION, MAGIC, MIN_TEST_VECTORS, Manifest, PREAMBLE_LEN, ParseError,
+    TestVector, TestVectors, crc32, read,
 };
 use crate::actor::Actor;
-use crate::postcard_once;
 
 // Far beyond any leg; within them no figure of a command can overflow.
 const MAX_SPEED_M_S: f32 = 100.0;
@@ -28,20 +27,38 @@ impl<'a> Policy<'a> {
     /// [`ParseError`] says what is wrong and what to do. The bytes must lie on
     /// a multiple of 4; everything else is up to the blob.
     pub fn parse(bytes: &'a [u8]) -> Result<Self, ParseError> {
-        let crc32 = check_frame(bytes)?;
-        let blob: Blob<'a> =
-            postcard_once::take_from_bytes(bytes).map_err(|_| ParseError::Malformed)?.0;
-        if !blob.weights.len().is_multiple_of(4) {
-            return Err(ParseError::WeightBytes(blob.weights.len()));
+        let mut vectors = TestVectors::new();
+        // Checked where it is returned, not moved out and in: a copy would take
+        // as much of a target's stack again.
+        let mut policy = Self::read(bytes, &mut vectors);
+        if let Ok(read) = &policy
+            && let Err(error) = read.check(&vectors)
+        {
+            policy = Err(error);
         }
-        let weights: &'a [f32] =
-            bytemuck::try_cast_slice(blob.weights).map_err(|_| ParseError::Misaligned)?;
-        let manifest = blob.manifest;
-        check_figures(&manifest, weights, &blob.test_vectors)?;
+        policy
+    }
+
+    /// Reads a blob whose checksum holds. Apart, so that its stack is free
+    /// again when the test vectors are run.
+    #[inline(never)]
+    fn read(bytes: &'a [u8], vectors: &mut TestVectors) -> Result<Self, ParseError> {
+        let crc32 = check_frame(bytes)?;
+        let fields = bytes.get(PREAMBLE_LEN..).unwrap_or_default();
+        let (manifest, weights) =
+            read::fields(fields, vectors).map_err(|_| ParseError::Malformed)?;
+        if !weights.len().is_multiple_of(4) {
+            return Err(ParseError::WeightBytes(weights.len()));
+        }
+        let weights = bytemuck::try_cast_slice(weights).map_err(|_| ParseError::Misaligned)?;
         let actor =
             Actor::new(manifest.widths.clone(), manifest.observation, manifest.action, weights)?;
-        check_test_vectors(&actor, &blob.test_vectors)?;
         Ok(Self { manifest, actor, crc32 })
+    }
+
+    fn check(&self, vectors: &TestVectors) -> Result<(), ParseError> {
+        check_figures(&self.manifest, self.actor.weights(), vectors)?;
+        check_test_vectors(&self.actor, vectors)
     }
 
     /// Everything in the blob but weights and test vectors.

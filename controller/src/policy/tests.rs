@@ -127,6 +127,18 @@ fn a_sealed_blob_whose_fields_do_not_fit_is_refused() {
 }
 
 #[test]
+fn what_is_read_field_by_field_is_what_serde_reads() {
+    let blob: Blob<'_> = postcard::from_bytes(SHIPPED).unwrap();
+    let policy = Policy::parse(SHIPPED).unwrap();
+    assert_eq!(*policy.manifest(), blob.manifest);
+    assert_eq!(bytemuck::cast_slice::<f32, u8>(policy.actor().weights()), blob.weights);
+    assert_eq!(policy.crc32(), blob.crc32);
+    let mut vectors = TestVectors::new();
+    read::fields(&SHIPPED[PREAMBLE_LEN..], &mut vectors).unwrap();
+    assert_eq!(vectors, blob.test_vectors);
+}
+
+#[test]
 fn too_few_test_vectors_are_refused() {
     let bytes = Bytes::new(&blob_of(&manifest()).unwrap());
     let mut blob: Blob<'_> = postcard::from_bytes(bytes.get()).unwrap();

@@ -1,11 +1,14 @@
 //! The whole check, in the order in which failures are cheapest to learn of.
 
-use crate::{hil, setup, step::Step};
+use crate::{hil, image, setup, step::Step};
 use anyhow::Result;
 use std::time::Instant;
 
 /// Ticks of the shore that the emulated board plays in the check.
 const HIL_TICKS: u64 = 20_000;
+
+/// The firmware's own workspace.
+const FIRMWARE: &str = "controller/firmware";
 
 fn steps() -> Vec<Step> {
     let cargo = |name, args| Step::new(name, "cargo", args);
@@ -17,8 +20,14 @@ fn steps() -> Vec<Step> {
         ),
         cargo("controller on a Cortex-M0", "check -p controller --target thumbv6m-none-eabi"),
         cargo("controller on RISC-V", "check -p controller --target riscv32imac-unknown-none-elf"),
-        cargo("format of the firmware", "fmt --check").within("controller/firmware"),
+        cargo("format of the firmware", "fmt --check").within(FIRMWARE),
         cargo("lints", "clippy --workspace --all-targets --all-features -- -D warnings"),
+        cargo("lints of the firmware", "clippy --release -- -D warnings").within(FIRMWARE),
+        cargo(
+            "lints of the firmware on silicon",
+            "clippy --release --no-default-features --features stm32f405 -- -D warnings",
+        )
+        .within(FIRMWARE),
         cargo("docs", "doc --workspace --no-deps --all-features")
             .with_env("RUSTDOCFLAGS", "-D warnings"),
         cargo("tests", "test --workspace --all-features"),
@@ -34,10 +43,17 @@ pub(crate) fn run() -> Result<()> {
     for step in steps() {
         times.push((step.name, step.run()?));
     }
-    println!("\n=== hardware in the loop: cargo xtask hil --ticks {HIL_TICKS}");
-    let start = Instant::now();
-    hil::run(&hil::Args::emulated(HIL_TICKS))?;
-    times.push(("hardware in the loop", start.elapsed()));
+    let mut own = |name, run: &dyn Fn() -> Result<()>| -> Result<()> {
+        println!("\n=== {name}");
+        let start = Instant::now();
+        run()?;
+        times.push((name, start.elapsed()));
+        Ok(())
+    };
+    own("no way to panic: cargo xtask image", &image::run)?;
+    own("hardware in the loop: cargo xtask hil --ticks 20000", &|| {
+        hil::run(&hil::Args::emulated(HIL_TICKS))
+    })?;
 
     println!("\nall passed");
     for (name, time) in times {

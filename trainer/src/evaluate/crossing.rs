@@ -10,7 +10,7 @@ use super::tracking::highest_speed;
 use super::{hop, hopper};
 use controller::actor::Actor;
 use controller::policy::{GainPoint, GainSchedule};
-use controller::velocity::Cascade;
+use controller::velocity::{Cascade, gains_at};
 use rayon::prelude::*;
 use sim_host::plant::Apex;
 
@@ -33,13 +33,13 @@ const AS_FAST: f64 = 0.9;
 /// speed; `None` if the leg falls.
 fn error_when_crossing(actor: &Actor<'_>, gains: &GainSchedule) -> Option<f64> {
     let walk = |speed: f32, out: bool| {
-        let mut cascade = Cascade::new(gains.clone());
+        let mut cascade = Cascade::new();
         let mut apex = Apex { vx_m_s: 0.0, y_m: 2.0 };
         let mut sum = 0.0;
         for done in 0..SETTLING + CROSSING + BEYOND {
             let way = f64::from(done.saturating_sub(SETTLING).min(CROSSING)) / f64::from(CROSSING);
             let rho = if out { 1.0 - way } else { way };
-            let u = cascade.update(speed, apex.vx_m_s as f32, rho as f32);
+            let u = cascade.update(&gains_at(gains, rho as f32), speed, apex.vx_m_s as f32);
             apex = hop(actor, &hopper(rho), rho, apex, u)?;
             if done >= SETTLING {
                 sum += (apex.vx_m_s - f64::from(speed)).abs();

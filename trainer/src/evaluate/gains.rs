@@ -5,7 +5,7 @@ use super::tracking::{SET_POINTS, highest_speed, possible, track};
 use super::{DENSITIES, hop, hopper};
 use controller::actor::Actor;
 use controller::policy::{GainPoint, GainSchedule};
-use controller::velocity::Cascade;
+use controller::velocity::{Cascade, gains_at};
 use rayon::prelude::*;
 use sim_host::plant::Apex;
 
@@ -66,13 +66,13 @@ pub(super) fn error_when_switched(
     rho: f64,
 ) -> Option<f64> {
     let hopper = hopper(rho);
-    let mut cascade = Cascade::new(gains.clone());
+    let mut cascade = Cascade::new();
     let mut apex = Apex { vx_m_s: 0.0, y_m: 2.0 };
     let mut sum = 0.0;
     for set_point in [0.5, 1.0, -2.0, 0.5, 2.0, -1.0, 1.0, 0.0] {
         let counts = possible(rho, f64::from(set_point));
         for _ in 0..25 {
-            let u = cascade.update(set_point, apex.vx_m_s as f32, rho as f32);
+            let u = cascade.update(&gains_at(gains, rho as f32), set_point, apex.vx_m_s as f32);
             apex = hop(actor, &hopper, rho, apex, u)?;
             if counts {
                 sum += (apex.vx_m_s - f64::from(set_point)).abs();

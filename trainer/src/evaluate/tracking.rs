@@ -3,7 +3,7 @@
 use super::{DENSITIES, hop, hopper};
 use controller::actor::Actor;
 use controller::policy::GainSchedule;
-use controller::velocity::Cascade;
+use controller::velocity::{Cascade, gains_at};
 use rayon::prelude::*;
 use serde::Serialize;
 use sim_host::plant::Apex;
@@ -84,11 +84,11 @@ impl Tracking {
 #[must_use]
 pub fn track(actor: &Actor<'_>, gains: &GainSchedule, rho: f64, set_point: f64) -> Tracking {
     let hopper = hopper(rho);
-    let mut cascade = Cascade::new(gains.clone());
+    let mut cascade = Cascade::new();
     let mut apex = START;
     let mut judged = Vec::with_capacity(JUDGED);
     for done in 1..=HOPS {
-        let u = cascade.update(set_point as f32, apex.vx_m_s as f32, rho as f32);
+        let u = cascade.update(&gains_at(gains, rho as f32), set_point as f32, apex.vx_m_s as f32);
         let Some(next) = hop(actor, &hopper, rho, apex, u) else {
             return Tracking { rho, set_point, mean_v: None, oscillation: None, fell: true };
         };
@@ -122,14 +122,14 @@ pub fn tracking_table(actor: &Actor<'_>, gains: &GainSchedule) -> Vec<Tracking> 
 #[must_use]
 pub fn highest_speed(actor: &Actor<'_>, gains: &GainSchedule, rho: f64) -> f64 {
     let hopper = hopper(rho);
-    let mut cascade = Cascade::new(gains.clone());
+    let mut cascade = Cascade::new();
     let mut apex = START;
     let mut best: f64 = 0.0;
     let stages = (RAMP_CAP_M_S / RAMP_STEP_M_S) as usize;
     for target in (1..=stages).map(|i| i as f64 * RAMP_STEP_M_S) {
         let mut sum = 0.0;
         for _ in 0..RAMP_HOPS {
-            let u = cascade.update(target as f32, apex.vx_m_s as f32, rho as f32);
+            let u = cascade.update(&gains_at(gains, rho as f32), target as f32, apex.vx_m_s as f32);
             let Some(next) = hop(actor, &hopper, rho, apex, u) else { return best };
             apex = next;
             sum += apex.vx_m_s;
