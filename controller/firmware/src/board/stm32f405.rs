@@ -32,14 +32,15 @@ const WAIT_STATES: u8 = 5;
 /// Looks at a flag, each some cycles, before it is given up: 0.1 s and more at
 /// 16 MHz for a clock (a crystal takes some 2 ms) ...
 const CLOCK_PATIENCE: u32 = 400_000;
-/// ... four seconds and more at 168 MHz for the flash, whose erase takes 2 s at
-/// most (DS8626, a sector of 128 KiB by words) ...
-const FLASH_PATIENCE: u32 = 150_000_000;
+/// ... a second and more at 168 MHz for the flash, whose erase takes 0.5 s at
+/// most ...
+const FLASH_PATIENCE: u32 = 50_000_000;
 /// ... and some milliseconds for the UART, of which a byte takes 5 us.
 const UART_PATIENCE: u32 = 1_000_000;
 
-/// The sectors that the slots begin, by their addresses: RM0090, table 5.
-const SECTORS: [(usize, u8); 2] = [(0x0801_0000, 4), (0x0802_0000, 5)];
+/// Flash: where it begins, and the size of its first four sectors.
+const FLASH_START: usize = 0x0800_0000;
+const SECTOR_LEN: usize = 16 * 1024;
 /// What unlocks its control register: RM0090, "Unlocking the Flash control register".
 const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
 
@@ -261,13 +262,16 @@ impl FlashChip for Stm32f405 {
     const ERASE_STALLS: bool = true;
 
     unsafe fn erase(start: *mut u32, _words: usize) -> Result<(), FlashFault> {
-        let of_slot = SECTORS.iter().find(|(address, _)| *address == start.addr());
-        let &(_, sector) = of_slot.ok_or(FlashFault)?;
+        let sector = start.addr().wrapping_sub(FLASH_START) / SECTOR_LEN;
+        // Only the two sectors of the slots.
+        if !(2..4).contains(&sector) {
+            return Err(FlashFault);
+        }
         let result = with_flash(|flash| {
             // SAFETY: a sector that exists.
             flash
                 .cr()
-                .write(|w| unsafe { w.psize().psize32().ser().set_bit().snb().bits(sector) });
+                .write(|w| unsafe { w.psize().psize32().ser().set_bit().snb().bits(sector as u8) });
             flash.cr().modify(|_, w| w.strt().set_bit());
         });
         // The caches hold what was there (RM0090, "Erase").
