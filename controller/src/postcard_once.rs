@@ -284,7 +284,7 @@ macro_rules! primitives {
     };
 }
 
-primitives!(bool: bool, u8: u8, u16: u16, u32: u32, u64: u64, f32: f32, str: &'de str,
+primitives!(bool: bool, u8: u8, u16: u16, u32: u32, u64: u64, f32: f32,
     bytes: &'de [u8]);
 
 /// For whoever reads field by field, where serde's code would move every part
@@ -309,6 +309,20 @@ impl<'de> Reader<'de> {
             }
         }
         T::default()
+    }
+
+    /// Not by postcard: `core::str::from_utf8` is made for long texts, and as
+    /// much code again as this.
+    #[inline(never)]
+    pub(crate) fn str(&mut self) -> &'de str {
+        match self.bytes().utf8_chunks().next() {
+            Some(chunk) if chunk.invalid().is_empty() => chunk.valid(),
+            Some(_) => {
+                self.result = Err(Error::DeserializeBadUtf8);
+                ""
+            }
+            None => "",
+        }
     }
 
     /// A struct or an array of floats.
