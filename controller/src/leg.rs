@@ -37,6 +37,12 @@ pub const WATER_DENSITY_KG_M3: f32 = 1000.0;
 /// No parameter of a leg is above this, in SI units; so no product of two overflows.
 pub const MAX_FIGURE: f32 = 1e9;
 
+/// Whether every figure is from `least` to `most`; a NaN never is. Once in an image.
+#[inline(never)]
+pub(crate) fn all_within(figures: &[f32], least: f32, most: f32) -> bool {
+    figures.iter().all(|&x| least <= x && x <= most)
+}
+
 impl LegModel {
     /// The human-size leg of the paper.
     pub const HUMAN: Self = Self {
@@ -110,7 +116,7 @@ impl LegModel {
     /// control law divides by (mass, volume, rest length) are above 0.
     #[must_use]
     pub fn is_physical(&self) -> bool {
-        self.figures().iter().all(|x| (0.0..=MAX_FIGURE).contains(x))
+        all_within(&self.figures(), 0.0, MAX_FIGURE)
             && self.mass_kg > 0.0
             && self.volume_m3 > 0.0
             && self.rest_length_m > 0.0

@@ -5,6 +5,9 @@
 //! of them. Here the same primitives stand behind calls. What is encoded how is
 //! still postcard's business; only the types that messages and blobs are made
 //! of are let through.
+//!
+//! A failure is kept to the end, and told there: after each field of each
+//! message there is no branch, and none is taken in a tick.
 
 use heapless::Vec;
 use postcard::ser_flavors::{Flavor, Slice};
@@ -17,9 +20,11 @@ use serde::{Deserialize, Serialize, ser};
 /// # Errors
 /// postcard's, when the buffer is too small.
 pub(crate) fn to_slice<'b>(value: &impl Serialize, buffer: &'b mut [u8]) -> Result<&'b mut [u8]> {
-    let mut writer = Writer(postcard::Serializer { output: Slice::new(buffer) });
+    let to = postcard::Serializer { output: Slice::new(buffer) };
+    let mut writer = Writer { to, result: Ok(()) };
     value.serialize(&mut writer)?;
-    writer.0.output.finalize()
+    writer.result?;
+    writer.to.output.finalize()
 }
 
 /// Decodes a value, and returns the bytes behind it.
@@ -34,32 +39,46 @@ pub(crate) fn take_from_bytes<'de, T: Deserialize<'de>>(
     Ok((value, reader.rest()?))
 }
 
-struct Writer<'b>(postcard::Serializer<Slice<'b>>);
+struct Writer<'b> {
+    to: postcard::Serializer<Slice<'b>>,
+    /// The first failure, kept to the end.
+    result: Result<()>,
+}
 
 impl Writer<'_> {
-    #[inline(never)]
-    fn u8(&mut self, value: u8) -> Result<()> {
-        value.serialize(&mut self.0)
+    /// Writes, unless something has failed before.
+    #[inline(always)]
+    fn put(&mut self, value: &impl Serialize) {
+        if self.result.is_ok() {
+            self.result = value.serialize(&mut self.to);
+        }
     }
 
     #[inline(never)]
-    fn u32(&mut self, value: u32) -> Result<()> {
-        value.serialize(&mut self.0)
+    fn u8(&mut self, value: u8) {
+        self.put(&value);
     }
 
     #[inline(never)]
-    fn u64(&mut self, value: u64) -> Result<()> {
-        value.serialize(&mut self.0)
+    fn u32(&mut self, value: u32) {
+        self.put(&value);
     }
 
     #[inline(never)]
-    fn f32(&mut self, value: f32) -> Result<()> {
-        value.serialize(&mut self.0)
+    fn u64(&mut self, value: u64) {
+        self.put(&value);
     }
 
     #[inline(never)]
-    fn bytes(&mut self, value: &[u8]) -> Result<()> {
-        ser::Serializer::serialize_bytes(&mut self.0, value)
+    fn f32(&mut self, value: f32) {
+        self.put(&value);
+    }
+
+    #[inline(never)]
+    fn bytes(&mut self, value: &[u8]) {
+        if self.result.is_ok() {
+            self.result = ser::Serializer::serialize_bytes(&mut self.to, value);
+        }
     }
 }
 
@@ -91,44 +110,53 @@ impl ser::Serializer for &mut Writer<'_> {
     }
 
     fn serialize_bool(self, v: bool) -> Result<()> {
-        self.u8(v.into())
+        self.u8(v.into());
+        Ok(())
     }
 
     fn serialize_u8(self, v: u8) -> Result<()> {
-        self.u8(v)
+        self.u8(v);
+        Ok(())
     }
 
     // A varint does not tell how wide the number was.
     fn serialize_u16(self, v: u16) -> Result<()> {
-        self.u32(v.into())
+        self.u32(v.into());
+        Ok(())
     }
 
     fn serialize_u32(self, v: u32) -> Result<()> {
-        self.u32(v)
+        self.u32(v);
+        Ok(())
     }
 
     fn serialize_u64(self, v: u64) -> Result<()> {
-        self.u64(v)
+        self.u64(v);
+        Ok(())
     }
 
     fn serialize_f32(self, v: f32) -> Result<()> {
-        self.f32(v)
+        self.f32(v);
+        Ok(())
     }
 
     fn serialize_str(self, v: &str) -> Result<()> {
-        self.bytes(v.as_bytes())
+        self.bytes(v.as_bytes());
+        Ok(())
     }
 
     fn serialize_bytes(self, v: &[u8]) -> Result<()> {
-        self.bytes(v)
+        self.bytes(v);
+        Ok(())
     }
 
     fn serialize_none(self) -> Result<()> {
-        self.u8(0)
+        self.u8(0);
+        Ok(())
     }
 
     fn serialize_some<T: Serialize + ?Sized>(self, value: &T) -> Result<()> {
-        self.u8(1)?;
+        self.u8(1);
         value.serialize(self)
     }
 
@@ -141,7 +169,8 @@ impl ser::Serializer for &mut Writer<'_> {
     }
 
     fn serialize_unit_variant(self, _: &'static str, index: u32, _: &'static str) -> Result<()> {
-        self.u32(index)
+        self.u32(index);
+        Ok(())
     }
 
     fn serialize_newtype_struct<T: Serialize + ?Sized>(
@@ -159,12 +188,13 @@ impl ser::Serializer for &mut Writer<'_> {
         _: &'static str,
         value: &T,
     ) -> Result<()> {
-        self.u32(index)?;
+        self.u32(index);
         value.serialize(self)
     }
 
     fn serialize_seq(self, len: Option<usize>) -> Result<Self> {
-        self.u32(len.ok_or(Error::SerializeSeqLengthUnknown)? as u32)?;
+        let len = len.ok_or(Error::SerializeSeqLengthUnknown)?;
+        self.u32(len as u32);
         Ok(self)
     }
 
@@ -183,7 +213,7 @@ impl ser::Serializer for &mut Writer<'_> {
         _: &'static str,
         _: usize,
     ) -> Result<Self> {
-        self.u32(index)?;
+        self.u32(index);
         Ok(self)
     }
 
@@ -202,7 +232,7 @@ impl ser::Serializer for &mut Writer<'_> {
         _: &'static str,
         _: usize,
     ) -> Result<Self> {
-        self.u32(index)?;
+        self.u32(index);
         Ok(self)
     }
 
@@ -234,61 +264,91 @@ in_order!(SerializeSeq: serialize_element(), SerializeTuple: serialize_element()
     SerializeStruct: serialize_field(&'static str),
     SerializeStructVariant: serialize_field(&'static str));
 
-/// Reads one value after the other.
-pub(crate) struct Reader<'de>(postcard::Deserializer<'de, postcard::de_flavors::Slice<'de>>);
+/// Reads one value after the other. After a failure every value is 0, or
+/// empty: [`Self::rest`] tells that there was one.
+pub(crate) struct Reader<'de> {
+    from: postcard::Deserializer<'de, postcard::de_flavors::Slice<'de>>,
+    /// The first failure.
+    result: Result<()>,
+}
 
 /// The primitives.
 macro_rules! primitives {
     ($($name:ident: $type:ty),+) => {
         impl<'de> Reader<'de> {
             $(#[inline(never)]
-            pub(crate) fn $name(&mut self) -> Result<$type> {
-                Deserialize::deserialize(&mut self.0)
+            pub(crate) fn $name(&mut self) -> $type {
+                self.take()
             })+
         }
     };
 }
 
-primitives!(bool: bool, u8: u8, u16: u16, u32: u32, u64: u64, f32: f32, str: &'de str,
+primitives!(bool: bool, u8: u8, u16: u16, u32: u32, u64: u64, f32: f32,
     bytes: &'de [u8]);
 
 /// For whoever reads field by field, where serde's code would move every part
 /// over the stack several times on its way to the whole.
 impl<'de> Reader<'de> {
     pub(crate) fn new(bytes: &'de [u8]) -> Self {
-        Self(postcard::Deserializer::from_bytes(bytes))
+        Self { from: postcard::Deserializer::from_bytes(bytes), result: Ok(()) }
     }
 
-    /// The bytes that are left.
+    /// The bytes that are left, if all that was read was there.
     pub(crate) fn rest(self) -> Result<&'de [u8]> {
-        self.0.finalize()
+        self.result?;
+        self.from.finalize()
+    }
+
+    #[inline(always)]
+    fn take<T: Deserialize<'de> + Default>(&mut self) -> T {
+        if self.result.is_ok() {
+            match T::deserialize(&mut self.from) {
+                Ok(value) => return value,
+                Err(error) => self.result = Err(error),
+            }
+        }
+        T::default()
+    }
+
+    /// Not by postcard: `core::str::from_utf8` is made for long texts, and as
+    /// much code again as this.
+    #[inline(never)]
+    pub(crate) fn str(&mut self) -> &'de str {
+        match self.bytes().utf8_chunks().next() {
+            Some(chunk) if chunk.invalid().is_empty() => chunk.valid(),
+            Some(_) => {
+                self.result = Err(Error::DeserializeBadUtf8);
+                ""
+            }
+            None => "",
+        }
     }
 
     /// A struct or an array of floats.
-    pub(crate) fn figures<const N: usize>(&mut self) -> Result<[f32; N]> {
+    pub(crate) fn figures<const N: usize>(&mut self) -> [f32; N] {
         let mut figures = [0.0; N];
-        self.fill(&mut figures)?;
-        Ok(figures)
+        self.fill(&mut figures);
+        figures
     }
 
     #[inline(never)]
-    fn fill(&mut self, figures: &mut [f32]) -> Result<()> {
+    fn fill(&mut self, figures: &mut [f32]) {
         for figure in figures {
-            *figure = self.f32()?;
+            *figure = self.f32();
         }
-        Ok(())
     }
 
     /// A list of at most `N` parts, each read by `part`.
-    pub(crate) fn list<T, const N: usize>(
-        &mut self,
-        list: &mut Vec<T, N>,
-        part: impl Fn(&mut Self) -> Result<T>,
-    ) -> Result<()> {
-        for _ in 0..self.u32()? {
-            list.push(part(self)?).map_err(|_| Error::SerdeDeCustom)?;
+    pub(crate) fn list<T, const N: usize>(&mut self, part: impl Fn(&mut Self) -> T) -> Vec<T, N> {
+        let mut list = Vec::new();
+        for _ in 0..self.u32() {
+            if list.push(part(self)).is_err() {
+                self.result = Err(Error::SerdeDeCustom);
+                break;
+            }
         }
-        Ok(())
+        list
     }
 }
 
@@ -296,7 +356,7 @@ impl<'de> Reader<'de> {
 macro_rules! read {
     ($($method:ident: $visit:ident($name:ident)),+) => {
         $(fn $method<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value> {
-            visitor.$visit(self.$name()?)
+            visitor.$visit(self.$name())
         })+
     };
 }
@@ -338,11 +398,7 @@ impl<'de> de::Deserializer<'de> for &mut Reader<'de> {
 
     fn deserialize_option<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value> {
         // An option starts as a bool does.
-        match self.bool() {
-            Ok(false) => visitor.visit_none(),
-            Ok(true) => visitor.visit_some(self),
-            Err(_) => Err(Error::DeserializeBadOption),
-        }
+        if self.bool() { visitor.visit_some(self) } else { visitor.visit_none() }
     }
 
     fn deserialize_unit<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value> {
@@ -366,7 +422,7 @@ impl<'de> de::Deserializer<'de> for &mut Reader<'de> {
     }
 
     fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value> {
-        let left = self.u32()? as usize;
+        let left = self.u32() as usize;
         visitor.visit_seq(Parts { reader: self, left })
     }
 
@@ -427,7 +483,7 @@ impl<'de> de::EnumAccess<'de> for &mut Reader<'de> {
     type Variant = Self;
 
     fn variant_seed<V: DeserializeSeed<'de>>(self, seed: V) -> Result<(V::Value, Self)> {
-        let index = de::IntoDeserializer::<Error>::into_deserializer(self.u32()?);
+        let index = de::IntoDeserializer::<Error>::into_deserializer(self.u32());
         Ok((seed.deserialize(index)?, self))
     }
 }

@@ -5,6 +5,7 @@ use super::{
     TestVector, TestVectors, crc32, read,
 };
 use crate::actor::Actor;
+use crate::leg::all_within;
 
 // Far beyond any leg; within them no figure of a command can overflow.
 const MAX_SPEED_M_S: f32 = 100.0;
@@ -148,8 +149,8 @@ fn check_figures(
     if !vectors.iter().all(vector_is_finite) {
         return Err(ParseError::NonFinite("test vectors"));
     }
-    let within = |[low, high]: [f32; 2], [least, most]: [f32; 2]| {
-        least <= low && low <= high && high <= most
+    let within = |bounds: [f32; 2], [least, most]: [f32; 2]| {
+        bounds[0] <= bounds[1] && all_within(&bounds, least, most)
     };
     if !within([a.low[0], a.high[0]], [0.0, core::f32::consts::PI]) {
         return Err(ParseError::OutOfRange("clip of the angle (low to high, within 0 to pi rad)"));
@@ -175,10 +176,8 @@ fn check_figures(
     check_gains(manifest)
 }
 
-/// Once in an image.
-#[inline(never)]
 fn all_finite(figures: &[f32]) -> bool {
-    figures.iter().all(|x| x.is_finite())
+    all_within(figures, f32::MIN, f32::MAX)
 }
 
 fn check_gains(manifest: &Manifest<'_>) -> Result<(), ParseError> {
@@ -192,8 +191,8 @@ fn check_gains(manifest: &Manifest<'_>) -> Result<(), ParseError> {
     let ascending =
         gains.iter().zip(gains.iter().skip(1)).all(|(a, b)| a.density_ratio < b.density_ratio);
     let in_range = |p: &super::GainPoint| {
-        [p.kp, p.ki, p.kd, p.feed_forward].iter().all(|gain| gain.abs() <= MAX_GAIN)
-            && (0.0..=MAX_SPEED_M_S).contains(&p.limit_m_s)
+        all_within(&[p.kp, p.ki, p.kd, p.feed_forward], -MAX_GAIN, MAX_GAIN)
+            && all_within(&[p.limit_m_s], 0.0, MAX_SPEED_M_S)
     };
     if gains.is_empty() || !ascending || !gains.iter().all(in_range) {
         return Err(ParseError::OutOfRange(

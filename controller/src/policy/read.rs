@@ -5,15 +5,15 @@
 //! kilobytes in all, at every level of the whole. The tests hold one to the
 //! other.
 
-use super::{GainPoint, GainSchedule, Manifest, Media, Provenance, TestVector, TestVectors};
-use crate::actor::{Action, ActionScaling, Observation, ObservationScaling, Widths};
+use super::{GainPoint, Manifest, Media, Provenance, TestVector, TestVectors};
+use crate::actor::{Action, ActionScaling, Observation, ObservationScaling};
 use crate::leg::LegModel;
 use crate::policy::CRC_LEN;
 use crate::postcard_once::Reader;
 use postcard::{Error, Result};
 
-/// Manifest and weights; the test vectors into `vectors`. `bytes` are those of
-/// a blob from behind its preamble to its end.
+/// Manifest, test vectors (into `vectors`) and weights. `bytes` are those of a
+/// blob from behind its preamble to its end.
 ///
 /// # Errors
 /// postcard's, when the bytes are no such fields.
@@ -22,10 +22,10 @@ pub(super) fn fields<'a>(
     vectors: &mut TestVectors,
 ) -> Result<(Manifest<'a>, &'a [u8])> {
     let mut reader = Reader::new(bytes);
-    let manifest = manifest(&mut reader)?;
-    reader.list(vectors, test_vector)?;
-    let _padding = reader.bytes()?;
-    let weights = reader.bytes()?;
+    let manifest = manifest(&mut reader);
+    *vectors = reader.list(test_vector);
+    let _padding = reader.bytes();
+    let weights = reader.bytes();
     if reader.rest()?.len() == CRC_LEN {
         Ok((manifest, weights))
     } else {
@@ -33,48 +33,40 @@ pub(super) fn fields<'a>(
     }
 }
 
-fn manifest<'a>(from: &mut Reader<'a>) -> Result<Manifest<'a>> {
-    let mut widths = Widths::new();
-    let mut gains = GainSchedule::new();
-    Ok(Manifest {
-        name: from.str()?,
-        widths: {
-            from.list(&mut widths, Reader::u16)?;
-            widths
-        },
-        observation: ObservationScaling { offset: from.figures()?, scale: from.figures()? },
+fn manifest<'a>(from: &mut Reader<'a>) -> Manifest<'a> {
+    Manifest {
+        name: from.str(),
+        widths: from.list(Reader::u16),
+        observation: ObservationScaling { offset: from.figures(), scale: from.figures() },
         action: ActionScaling {
-            scale: from.figures()?,
-            offset: from.figures()?,
-            low: from.figures()?,
-            high: from.figures()?,
+            scale: from.figures(),
+            offset: from.figures(),
+            low: from.figures(),
+            high: from.figures(),
         },
-        leg: LegModel::from_figures(from.figures()?),
-        media: Media { density_ratio: from.figures()?, gravity_m_s2: from.figures()? },
+        leg: LegModel::from_figures(from.figures()),
+        media: Media { density_ratio: from.figures(), gravity_m_s2: from.figures() },
         provenance: Provenance {
-            preset: from.str()?,
-            seed: from.u64()?,
-            steps: from.u64()?,
-            trainer_version: from.str()?,
-            config: from.str()?,
+            preset: from.str(),
+            seed: from.u64(),
+            steps: from.u64(),
+            trainer_version: from.str(),
+            config: from.str(),
         },
-        gains: {
-            from.list(&mut gains, gain_point)?;
-            gains
-        },
-    })
+        gains: from.list(gain_point),
+    }
 }
 
-fn gain_point(from: &mut Reader<'_>) -> Result<GainPoint> {
-    let [density_ratio, kp, ki, kd, feed_forward, limit_m_s] = from.figures()?;
-    Ok(GainPoint { density_ratio, kp, ki, kd, feed_forward, limit_m_s })
+fn gain_point(from: &mut Reader<'_>) -> GainPoint {
+    let [density_ratio, kp, ki, kd, feed_forward, limit_m_s] = from.figures();
+    GainPoint { density_ratio, kp, ki, kd, feed_forward, limit_m_s }
 }
 
-fn test_vector(from: &mut Reader<'_>) -> Result<TestVector> {
+fn test_vector(from: &mut Reader<'_>) -> TestVector {
     let [apex_vx_m_s, apex_y_m, density_ratio, touchdown_angle_rad, elongation_speed_m_s] =
-        from.figures()?;
-    Ok(TestVector {
+        from.figures();
+    TestVector {
         observation: Observation { apex_vx_m_s, apex_y_m, density_ratio },
         action: Action { touchdown_angle_rad, elongation_speed_m_s },
-    })
+    }
 }

@@ -179,8 +179,9 @@ impl<F: PolicyFlash> Desk<F> {
     /// Name and checksum of the policy in a slot, once it has passed every check.
     #[inline(never)]
     fn content(&self, slot: Slot) -> Result<(&'static str, u32), SlotFault> {
-        let policy = slots::policy(self.flash.bytes(slot))?;
-        Ok((cut(policy.manifest().name), policy.crc32()))
+        slots::policy(self.flash.bytes(slot), |policy| {
+            (cut(policy.manifest().name), policy.crc32())
+        })
     }
 
     #[inline(never)]
@@ -264,9 +265,9 @@ impl<F: PolicyFlash> Desk<F> {
     /// Reads the slot as it is after all writing, and has the pilot fly it.
     #[inline(never)]
     fn fly(&self, slot: Slot, pilot: &impl SharedPilot) -> Result<(), SlotFault> {
-        let policy = slots::policy(self.flash.bytes(slot))?;
-        pilot.with(|pilot| pilot.fly(slot, policy));
-        Ok(())
+        slots::policy(self.flash.bytes(slot), |policy| {
+            pilot.with(|pilot| pilot.fly(slot, policy));
+        })
     }
 }
 

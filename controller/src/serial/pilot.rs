@@ -108,7 +108,9 @@ impl<'a> Pilot<'a> {
 
     /// Runs this policy, of this slot: from the next apex if another one flies
     /// the leg, else at once.
-    pub fn fly(&mut self, slot: Slot, policy: Policy<'a>) {
+    #[inline(never)]
+    pub fn fly(&mut self, slot: Slot, policy: &Policy<'a>) {
+        let policy = policy.clone();
         if let Some(running) = &mut self.running {
             running.next = Some(slot);
             running.controller.swap(policy);

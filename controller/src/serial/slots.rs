@@ -138,12 +138,25 @@ pub fn sequence(slot: &[u8]) -> u32 {
     Seal::read(slot).map_or(0, |(_, seal)| seal.sequence())
 }
 
-/// The policy in a slot, once it has passed every check.
+/// Calls `f` with the policy in a slot, once it has passed every check. With a
+/// reference: returned, a policy would lie on a target's stack twice.
 ///
 /// # Errors
 /// [`SlotFault`] says why there is none to run.
+pub fn policy<'s, R>(slot: &'s [u8], f: impl FnOnce(&Policy<'s>) -> R) -> Result<R, SlotFault> {
+    let (blob, sealed) = blob(slot)?;
+    match &Policy::parse(blob) {
+        Ok(policy) if sealed.is_some_and(|crc32| crc32 != policy.crc32()) => {
+            Err(SlotFault::BadSeal)
+        }
+        Ok(policy) => Ok(f(policy)),
+        Err(error) => Err(SlotFault::Blob(fault(error))),
+    }
+}
+
+/// The bytes of a slot that are to be a blob, and its checksum if it is sealed.
 #[inline(never)]
-pub fn policy(slot: &[u8]) -> Result<Policy<'_>, SlotFault> {
+fn blob(slot: &[u8]) -> Result<(&[u8], Option<u32>), SlotFault> {
     let (room, seal) = Seal::read(slot).ok_or(SlotFault::Empty)?;
     let (length, crc32) = match seal {
         Seal::Opened => return Err(SlotFault::Unfinished),
@@ -160,12 +173,7 @@ pub fn policy(slot: &[u8]) -> Result<Policy<'_>, SlotFault> {
             (policy::stated_length(room).unwrap_or(room.len()), None)
         }
     };
-    let blob = room.get(..length).unwrap_or(room);
-    let policy = Policy::parse(blob).map_err(|error| SlotFault::Blob(fault(error)))?;
-    match crc32 {
-        Some(crc32) if crc32 != policy.crc32() => Err(SlotFault::BadSeal),
-        _ => Ok(policy),
-    }
+    Ok((room.get(..length).unwrap_or(room), crc32))
 }
 
 /// Checks a blob that is not sealed yet; returns its checksum.
@@ -174,13 +182,16 @@ pub fn policy(slot: &[u8]) -> Result<Policy<'_>, SlotFault> {
 /// [`BlobFault`] says what is wrong with it.
 #[inline(never)]
 pub fn check(blob: &[u8]) -> Result<u32, BlobFault> {
-    Policy::parse(blob).map(|policy| policy.crc32()).map_err(fault)
+    match &Policy::parse(blob) {
+        Ok(policy) => Ok(policy.crc32()),
+        Err(error) => Err(fault(error)),
+    }
 }
 
 /// Once in an image.
 #[inline(never)]
-fn fault(error: ParseError) -> BlobFault {
-    error.into()
+fn fault(error: &ParseError) -> BlobFault {
+    (*error).into()
 }
 
 /// The slot whose seal has the highest sequence, A if they are the same: its
