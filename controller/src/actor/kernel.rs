@@ -7,7 +7,7 @@
 //! costs two cycles, or one straight after another load. VMLA costs three cycles
 //! and one instruction, VMUL and VADD two of each; neither way is fused. The
 //! figures of both kernels, and of others' libraries, are in
-//! `controller/firmware/README.md`.
+//! `controller/kernel-m4f/README.md`.
 #![expect(clippy::inline_always, reason = "sums must stay in registers")]
 
 use super::packing::PANEL_ROWS;

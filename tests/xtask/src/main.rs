@@ -1,5 +1,6 @@
 //! The repository's own commands; `cargo xtask --help` lists them.
 
+mod budget;
 mod ci;
 mod flash;
 mod hil;
@@ -24,6 +25,8 @@ struct Cli {
 enum Command {
     /// Install what is missing, then format, lints, tests, docs, targets and the main job.
     Ci,
+    /// Count instructions of the firmware in the emulator and compare them with the budgets.
+    Budget(budget::Args),
     /// Install what is missing, or say what to install.
     Setup,
     /// Flash a real board by probe-rs.
@@ -39,6 +42,7 @@ enum Command {
 fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Ci => ci::run(),
+        Command::Budget(args) => budget::run(&args),
         Command::Setup => setup::run(),
         Command::Flash(args) => flash::run(&args),
         Command::Hil(args) => hil::run(&args),

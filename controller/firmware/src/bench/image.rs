@@ -1,0 +1,18 @@
+//! What an image needs beside its main function to run in the emulator.
+#![allow(unsafe_code)]
+
+use core::panic::PanicInfo;
+
+/// None is enabled; the linker wants a table that holds something.
+#[unsafe(link_section = ".vector_table.interrupts")]
+#[unsafe(no_mangle)]
+static __INTERRUPTS: [extern "C" fn() -> !; 1] = [unexpected];
+
+extern "C" fn unexpected() -> ! {
+    semihosting::process::exit(102)
+}
+
+#[panic_handler]
+fn panic(_: &PanicInfo<'_>) -> ! {
+    semihosting::process::exit(101)
+}
