@@ -112,27 +112,29 @@ mod fault {
     }
 }
 
-/// In an image for the tests, breaks off after some ticks; else nothing.
+/// In an image for the tests, breaks off after some ticks, in the way that the
+/// number of the session says; else nothing.
 pub(crate) fn provoke() {
-    #[cfg(any(feature = "provoke-panic", feature = "provoke-fault", feature = "provoke-overflow"))]
+    #[cfg(feature = "provoke")]
     {
         use controller::serial::pilot::SharedPilot;
         /// Ticks that go well.
         const TICKS: u32 = 300;
-        #[allow(unreachable_code)]
-        if crate::pilot::PILOT.with(|pilot| pilot.counts().ticks) >= TICKS {
-            #[cfg(feature = "provoke-panic")]
-            panic!("as asked for");
-            #[cfg(feature = "provoke-fault")]
-            cortex_m::asm::udf();
-            #[cfg(feature = "provoke-overflow")]
-            overflow(1);
+        let (ticks, session) =
+            crate::pilot::PILOT.with(|pilot| (pilot.counts().ticks, pilot.session()));
+        match session {
+            Some(1) if ticks >= TICKS => panic!("as asked for"),
+            Some(2) if ticks >= TICKS => cortex_m::asm::udf(),
+            Some(3) if ticks >= TICKS => {
+                overflow(1);
+            }
+            _ => {}
         }
     }
 }
 
 /// Uses up the stack.
-#[cfg(feature = "provoke-overflow")]
+#[cfg(feature = "provoke")]
 #[allow(unconditional_recursion)]
 #[inline(never)]
 fn overflow(depth: u32) -> u32 {

@@ -8,7 +8,7 @@
 #![no_main]
 // Nobody catches a panic: what could raise one does not pass.
 #![cfg_attr(
-    not(feature = "provoke-panic"),
+    not(feature = "provoke"),
     deny(
         clippy::unwrap_used,
         clippy::expect_used,

@@ -86,7 +86,12 @@ impl Flashed {
 
     /// Forgets the run and begins another.
     pub(crate) fn reset(&mut self, mode: Mode) {
-        let reset = Request::Reset { session: 7, rate_hz: RATE_HZ, gravity_m_s2: GRAVITY_M_S2 };
+        self.begin(7, mode);
+    }
+
+    /// The same, as a session of this number.
+    pub(crate) fn begin(&mut self, session: u32, mode: Mode) {
+        let reset = Request::Reset { session, rate_hz: RATE_HZ, gravity_m_s2: GRAVITY_M_S2 };
         self.client.have_done(&reset).expect("a reset");
         self.client.have_done(&Request::SetMode(mode)).expect("a mode");
     }

@@ -49,11 +49,11 @@ fn without_a_policy_the_leg_stays_safe_and_it_says_why() {
     }
 }
 
-/// Runs an image that breaks off; what it said last, and its exit status.
+/// Runs the image that breaks off as the session says; what it said last, and its exit status.
 /// The leg is made safe first, in answer to the last turn.
-fn crash_of(features: &str) -> (Crash, i32) {
-    let mut flashed = Flashed::start_image(&image(features), Some(&shipped()), |line| line);
-    flashed.reset(Mode::LockStep);
+fn crash_of(session: u32) -> (Crash, i32) {
+    let mut flashed = Flashed::start_image(&image("provoke"), Some(&shipped()), |line| line);
+    flashed.begin(session, Mode::LockStep);
     let begun = Instant::now();
     let (mut seq, mut last) = (0, None);
     let crash = 'crash: loop {
@@ -90,14 +90,14 @@ fn a_panic_a_fault_and_a_full_stack_are_told_and_have_exit_codes_of_their_own() 
     if skips() {
         return;
     }
-    let (crash, status) = crash_of("provoke-panic");
+    let (crash, status) = crash_of(1);
     assert!(matches!(crash, Crash::Panic { line } if line > 0), "{crash:?}");
     assert_eq!(status, 101);
-    let (crash, status) = crash_of("provoke-fault");
+    let (crash, status) = crash_of(2);
     assert!(matches!(crash, Crash::HardFault { pc } if pc > 0), "{crash:?}");
     assert_eq!(status, 102);
     // Where it was lay on the stack that was not there.
-    let (crash, status) = crash_of("provoke-overflow");
+    let (crash, status) = crash_of(3);
     assert_eq!((crash, status), (Crash::HardFault { pc: 0 }, 102));
 }
 
@@ -108,6 +108,6 @@ fn the_image_has_no_way_to_panic() {
         return;
     }
     assert_eq!(image("").ways_to_panic().unwrap(), [""; 0]);
-    let ways = image("provoke-panic").ways_to_panic().unwrap();
+    let ways = image("provoke").ways_to_panic().unwrap();
     assert!(ways.iter().any(|name| name.contains("panic_fmt")), "{ways:?}");
 }
