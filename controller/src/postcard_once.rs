@@ -342,13 +342,22 @@ impl<'de> Reader<'de> {
     /// A list of at most `N` parts, each read by `part`.
     pub(crate) fn list<T, const N: usize>(&mut self, part: impl Fn(&mut Self) -> T) -> Vec<T, N> {
         let mut list = Vec::new();
+        self.extend(&mut list, part);
+        list
+    }
+
+    /// The same, to a list that is there already.
+    pub(crate) fn extend<T, const N: usize>(
+        &mut self,
+        list: &mut Vec<T, N>,
+        part: impl Fn(&mut Self) -> T,
+    ) {
         for _ in 0..self.u32() {
             if list.push(part(self)).is_err() {
                 self.result = Err(Error::SerdeDeCustom);
                 break;
             }
         }
-        list
     }
 }
 
