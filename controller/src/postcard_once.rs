@@ -47,7 +47,7 @@ struct Writer<'b> {
 
 impl Writer<'_> {
     /// Writes, unless something has failed before.
-    #[inline(always)]
+    #[inline]
     fn put(&mut self, value: &impl Serialize) {
         if self.result.is_ok() {
             self.result = value.serialize(&mut self.to);
@@ -300,7 +300,7 @@ impl<'de> Reader<'de> {
         self.from.finalize()
     }
 
-    #[inline(always)]
+    #[inline]
     fn take<T: Deserialize<'de> + Default>(&mut self) -> T {
         if self.result.is_ok() {
             match T::deserialize(&mut self.from) {
