@@ -47,7 +47,7 @@ struct Writer<'b> {
 
 impl Writer<'_> {
     /// Writes, unless something has failed before.
-    #[inline(always)]
+    #[inline]
     fn put(&mut self, value: &impl Serialize) {
         if self.result.is_ok() {
             self.result = value.serialize(&mut self.to);
@@ -300,7 +300,7 @@ impl<'de> Reader<'de> {
         self.from.finalize()
     }
 
-    #[inline(always)]
+    #[inline]
     fn take<T: Deserialize<'de> + Default>(&mut self) -> T {
         if self.result.is_ok() {
             match T::deserialize(&mut self.from) {
@@ -342,13 +342,22 @@ impl<'de> Reader<'de> {
     /// A list of at most `N` parts, each read by `part`.
     pub(crate) fn list<T, const N: usize>(&mut self, part: impl Fn(&mut Self) -> T) -> Vec<T, N> {
         let mut list = Vec::new();
+        self.extend(&mut list, part);
+        list
+    }
+
+    /// The same, to a list that is there already.
+    pub(crate) fn extend<T, const N: usize>(
+        &mut self,
+        list: &mut Vec<T, N>,
+        part: impl Fn(&mut Self) -> T,
+    ) {
         for _ in 0..self.u32() {
             if list.push(part(self)).is_err() {
                 self.result = Err(Error::SerdeDeCustom);
                 break;
             }
         }
-        list
     }
 }
 

@@ -42,9 +42,9 @@ pub enum ParseError {
     /// The byte string of weights is not a whole number of floats.
     WeightBytes(usize),
     /// A figure is not finite; the field is named.
-    NonFinite(&'static str),
+    NonFinite(Field),
     /// A figure is outside what it may be; the field is named.
-    OutOfRange(&'static str),
+    OutOfRange(Field),
     /// Fewer test vectors than a blob must carry.
     TestVectors(usize),
     /// A test vector's action comes out otherwise.
@@ -56,6 +56,58 @@ pub enum ParseError {
         /// The action computed here.
         found: Action,
     },
+}
+
+/// What a figure of a blob belongs to. Not a text: a target, which prints
+/// nothing, would carry it in flash.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Field {
+    /// From an observation to the network's inputs.
+    Observation,
+    /// From the network's outputs to an action.
+    Action,
+    /// Ranges of media.
+    Media,
+    /// The network.
+    Weights,
+    /// Observations and actions to compare with.
+    TestVectors,
+    /// Lowest and highest angle.
+    AngleClip,
+    /// Lowest and highest elongation speed.
+    SpeedClip,
+    /// Lowest and highest density ratio of the media.
+    DensityRatio,
+    /// Lowest and highest gravity of the media.
+    Gravity,
+    /// The leg it was trained on.
+    Leg,
+    /// The cascade's gain schedule.
+    Gains,
+}
+
+impl Field {
+    /// Its name, and what its figures may be.
+    const fn named(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Observation => ("observation scaling", "finite"),
+            Self::Action => ("action scaling", "finite"),
+            Self::Media => ("media", "finite"),
+            Self::Weights => ("weights", "finite"),
+            Self::TestVectors => ("test vectors", "finite"),
+            Self::AngleClip => ("clip of the angle", "low to high, within 0 to pi rad"),
+            Self::SpeedClip => ("clip of the elongation speed", "low to high, within 0 to 100 m/s"),
+            Self::DensityRatio => ("media: density ratio", "low to high, within 0 to 100"),
+            Self::Gravity => ("media: gravity", "low to high, above 0, at most 1000 m/s2"),
+            Self::Leg => ("leg", "each figure from 0 to 1e9, mass, volume and rest length above 0"),
+            Self::Gains => (
+                "cascade gains",
+                "at least one point, by ascending density, gains within +-1000, \
+                 limits from 0 to 100 m/s",
+            ),
+        }
+    }
 }
 
 impl From<ShapeError> for ParseError {
@@ -97,10 +149,15 @@ impl fmt::Display for ParseError {
                 write!(f, "{n} bytes of weights are not a whole number of 4-byte floats")
             }
             Self::NonFinite(field) => {
-                write!(f, "{field} holds a figure that is not finite: train or export it again")
+                let (name, _) = field.named();
+                write!(f, "{name} holds a figure that is not finite: train or export it again")
             }
             Self::OutOfRange(field) => {
-                write!(f, "{field} is out of range: correct it and export the policy again")
+                let (name, range) = field.named();
+                write!(
+                    f,
+                    "{name} ({range}) is out of range: correct it and export the policy again"
+                )
             }
             Self::TestVectors(n) => {
                 write!(f, "{n} test vectors, needed are {MIN_TEST_VECTORS} to {MAX_TEST_VECTORS}")

@@ -32,7 +32,7 @@ use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 pub use aligned::Aligned;
-pub use error::{ParseError, WriteError};
+pub use error::{Field, ParseError, WriteError};
 pub use parse::{Policy, stated_length};
 pub use write::write;
 

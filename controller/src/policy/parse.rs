@@ -1,7 +1,7 @@
 //! From bytes to a policy that has passed every check.
 
 use super::{
-    CRC_LEN, FORMAT_VERSION, MAGIC, MIN_TEST_VECTORS, Manifest, PREAMBLE_LEN, ParseError,
+    CRC_LEN, FORMAT_VERSION, Field, MAGIC, MIN_TEST_VECTORS, Manifest, PREAMBLE_LEN, ParseError,
     TestVector, TestVectors, crc32, read,
 };
 use crate::actor::Actor;
@@ -123,18 +123,20 @@ fn check_frame(bytes: &[u8]) -> Result<u32, ParseError> {
     Ok(stored)
 }
 
-/// Finite, and where the control law relies on it, in range.
+/// Finite, and where the control law relies on it, in range. Apart, so that its
+/// stack is free again when the test vectors are run.
+#[inline(never)]
 fn check_figures(
     manifest: &Manifest<'_>,
     weights: &[f32],
     vectors: &[TestVector],
 ) -> Result<(), ParseError> {
     let (o, a, m) = (&manifest.observation, &manifest.action, &manifest.media);
-    let finite: [(&'static str, &[&[f32]]); 4] = [
-        ("observation scaling", &[&o.offset, &o.scale]),
-        ("action scaling", &[&a.offset, &a.scale, &a.low, &a.high]),
-        ("media", &[&m.density_ratio, &m.gravity_m_s2]),
-        ("weights", &[weights]),
+    let finite: [(Field, &[&[f32]]); 4] = [
+        (Field::Observation, &[&o.offset, &o.scale]),
+        (Field::Action, &[&a.offset, &a.scale, &a.low, &a.high]),
+        (Field::Media, &[&m.density_ratio, &m.gravity_m_s2]),
+        (Field::Weights, &[weights]),
     ];
     for (field, figures) in finite {
         if !figures.iter().all(|figures| all_finite(figures)) {
@@ -147,31 +149,22 @@ fn check_figures(
         all_finite(&observation) && all_finite(&[a.touchdown_angle_rad, a.elongation_speed_m_s])
     };
     if !vectors.iter().all(vector_is_finite) {
-        return Err(ParseError::NonFinite("test vectors"));
+        return Err(ParseError::NonFinite(Field::TestVectors));
     }
-    let within = |bounds: [f32; 2], [least, most]: [f32; 2]| {
-        bounds[0] <= bounds[1] && all_within(&bounds, least, most)
-    };
-    if !within([a.low[0], a.high[0]], [0.0, core::f32::consts::PI]) {
-        return Err(ParseError::OutOfRange("clip of the angle (low to high, within 0 to pi rad)"));
-    }
-    if !within([a.low[1], a.high[1]], [0.0, MAX_SPEED_M_S]) {
-        return Err(ParseError::OutOfRange(
-            "clip of the elongation speed (low to high, within 0 to 100 m/s)",
-        ));
-    }
-    if !within(m.density_ratio, [0.0, MAX_DENSITY_RATIO]) {
-        return Err(ParseError::OutOfRange("media: density ratio (low to high, within 0 to 100)"));
-    }
-    if !within(m.gravity_m_s2, [f32::MIN_POSITIVE, MAX_GRAVITY_M_S2]) {
-        return Err(ParseError::OutOfRange(
-            "media: gravity (low to high, above 0, at most 1000 m/s2)",
-        ));
+    // Low and high of the policy, least and most of what they may be.
+    let ranges = [
+        (Field::AngleClip, [a.low[0], a.high[0]], 0.0, core::f32::consts::PI),
+        (Field::SpeedClip, [a.low[1], a.high[1]], 0.0, MAX_SPEED_M_S),
+        (Field::DensityRatio, m.density_ratio, 0.0, MAX_DENSITY_RATIO),
+        (Field::Gravity, m.gravity_m_s2, f32::MIN_POSITIVE, MAX_GRAVITY_M_S2),
+    ];
+    for (field, [low, high], least, most) in ranges {
+        if !(low <= high && all_within(&[low, high], least, most)) {
+            return Err(ParseError::OutOfRange(field));
+        }
     }
     if !manifest.leg.is_physical() {
-        return Err(ParseError::OutOfRange(
-            "leg (each figure from 0 to 1e9, mass, volume and rest length above 0)",
-        ));
+        return Err(ParseError::OutOfRange(Field::Leg));
     }
     check_gains(manifest)
 }
@@ -186,7 +179,7 @@ fn check_gains(manifest: &Manifest<'_>) -> Result<(), ParseError> {
         all_finite(&[p.density_ratio, p.kp, p.ki, p.kd, p.feed_forward, p.limit_m_s])
     };
     if !gains.iter().all(finite) {
-        return Err(ParseError::NonFinite("cascade gains"));
+        return Err(ParseError::NonFinite(Field::Gains));
     }
     let ascending =
         gains.iter().zip(gains.iter().skip(1)).all(|(a, b)| a.density_ratio < b.density_ratio);
@@ -195,10 +188,7 @@ fn check_gains(manifest: &Manifest<'_>) -> Result<(), ParseError> {
             && all_within(&[p.limit_m_s], 0.0, MAX_SPEED_M_S)
     };
     if gains.is_empty() || !ascending || !gains.iter().all(in_range) {
-        return Err(ParseError::OutOfRange(
-            "cascade gains (at least one point, by ascending density, \
-             gains within +-1000, limits from 0 to 100 m/s)",
-        ));
+        return Err(ParseError::OutOfRange(Field::Gains));
     }
     Ok(())
 }

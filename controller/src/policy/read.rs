@@ -23,7 +23,7 @@ pub(super) fn fields<'a>(
 ) -> Result<(Manifest<'a>, &'a [u8])> {
     let mut reader = Reader::new(bytes);
     let manifest = manifest(&mut reader);
-    *vectors = reader.list(test_vector);
+    reader.extend(vectors, test_vector);
     let _padding = reader.bytes();
     let weights = reader.bytes();
     if reader.rest()?.len() == CRC_LEN {

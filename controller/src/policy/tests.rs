@@ -48,7 +48,7 @@ fn each_fault_has_its_own_refusal() {
     assert!(matches!(refusal(&flipped), ParseError::Crc { .. }));
     let mut nan = good.clone();
     nan[n - 8..n - 4].copy_from_slice(&f32::NAN.to_le_bytes());
-    assert_eq!(refusal(&resealed(nan)), ParseError::NonFinite("weights"));
+    assert_eq!(refusal(&resealed(nan)), ParseError::NonFinite(Field::Weights));
     let mut weight = good.clone();
     weight[n - 8..n - 4].copy_from_slice(&0.5_f32.to_le_bytes());
     assert!(matches!(refusal(&resealed(weight)), ParseError::TestVector { .. }));
@@ -69,9 +69,9 @@ fn figures_that_cannot_be_run_are_refused_at_writing() {
     };
     assert_eq!(
         refused(|m| m.observation.scale[1] = f32::INFINITY),
-        ParseError::NonFinite("observation scaling")
+        ParseError::NonFinite(Field::Observation)
     );
-    assert_eq!(refused(|m| m.gains[0].ki = f32::NAN), ParseError::NonFinite("cascade gains"));
+    assert_eq!(refused(|m| m.gains[0].ki = f32::NAN), ParseError::NonFinite(Field::Gains));
     assert!(matches!(refused(|m| m.gains.clear()), ParseError::OutOfRange(_)));
     assert!(matches!(refused(|m| m.action.low[0] = 3.0), ParseError::OutOfRange(_)));
     assert!(matches!(refused(|m| m.leg.mass_kg = -1.0), ParseError::OutOfRange(_)));
@@ -119,7 +119,7 @@ fn a_sealed_blob_whose_fields_do_not_fit_is_refused() {
     let infinite = |blob: &mut Blob<'_>| {
         blob.test_vectors[3].action.touchdown_angle_rad = f32::INFINITY;
     };
-    assert_eq!(change(infinite), ParseError::NonFinite("test vectors"));
+    assert_eq!(change(infinite), ParseError::NonFinite(Field::TestVectors));
     // A checksum that is right over fields that are none.
     let mut garbage = blob_of(&manifest()).unwrap();
     garbage[PREAMBLE_LEN..PREAMBLE_LEN + 8].fill(0xff);
