@@ -1,6 +1,6 @@
 //! The whole check, in the order in which failures are cheapest to learn of.
 
-use crate::{hil, image, setup, step::Step};
+use crate::{budget, hil, image, setup, step::Step};
 use anyhow::Result;
 use std::time::Instant;
 
@@ -51,6 +51,7 @@ pub(crate) fn run() -> Result<()> {
         Ok(())
     };
     own("no way to panic: cargo xtask image", &image::run)?;
+    own("budget: cargo xtask budget", &|| budget::run(&budget::Args::default()))?;
     own("hardware in the loop: cargo xtask hil --ticks 20000", &|| {
         hil::run(&hil::Args::emulated(HIL_TICKS))
     })?;

@@ -78,6 +78,28 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     Ok(())
 }
 
+/// Deepest stack of the default board, bytes: the least of three short runs, for
+/// interrupts come when they come and put theirs on top.
+pub(crate) fn deepest_stack() -> Result<u64> {
+    const TICKS: u64 = 500;
+    let sim_host = build_sim_host()?;
+    let policy = root().join("controller/policies/robust.bin");
+    let mut least = u64::MAX;
+    for run in 0..3 {
+        let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
+        let target = Target::emulated(BOARDS[0], &policy, folder.path())?;
+        let domain = format!("stack-{}-{run}", std::process::id());
+        let mut bridge = Command::new(&sim_host);
+        bridge.arg("bridge").args(target.port()).args(["--domain", &domain, "--json"]);
+        let mut bridge = Running::start(&mut bridge)?;
+        scenario(&sim_host, Some(TICKS), &["--domain", &domain])?;
+        let line = object(&bridge.output("the bridge")?)?;
+        let used = line["controller"]["stack_used"].as_u64();
+        least = least.min(used.context("the bridge does not tell the stack")?);
+    }
+    Ok(least)
+}
+
 /// A flashed controller.
 enum Target {
     Emulated(Emulator),

@@ -12,6 +12,13 @@ extern "C" fn unexpected() -> ! {
     semihosting::process::exit(102)
 }
 
+/// A stack that is too deep, above all: without this the image would stand still.
+// SAFETY: it never returns, and reads nothing.
+#[cortex_m_rt::exception]
+unsafe fn HardFault(_: &cortex_m_rt::ExceptionFrame) -> ! {
+    semihosting::process::exit(102)
+}
+
 #[panic_handler]
 fn panic(_: &PanicInfo<'_>) -> ! {
     semihosting::process::exit(101)

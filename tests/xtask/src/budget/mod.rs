@@ -13,6 +13,7 @@ mod profile;
 mod size;
 mod trace;
 
+use crate::hil;
 use anyhow::{Context, Result, ensure};
 use ledger::{Ledger, Measured};
 use profile::Profile;
@@ -32,7 +33,7 @@ const WITH_VMLA: &str = "-Ctarget-cpu=cortex-m4 -Ctarget-feature=-slowfpvmlx";
 const WITH_CYCLES: [&str; 2] = ["inference_without_tanh", PORTABLE];
 
 /// Instructions, cycles and bytes of the firmware, against the committed budgets.
-#[derive(Clone, Debug, clap::Args)]
+#[derive(Clone, Debug, Default, clap::Args)]
 pub(crate) struct Args {
     /// Write what is measured into the file of budgets.
     #[arg(long)]
@@ -65,6 +66,11 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 
     let mut measured = figures(&profiles);
     measured.extend(size::of(&BOARDS[0].build()?.path)?);
+    measured.push(Measured {
+        figure: "deepest stack".to_owned(),
+        unit: "bytes",
+        value: hil::deepest_stack()?,
+    });
     let path = root().join(LEDGER);
     let ledger = Ledger::read(&path)?;
     println!("{}", ledger.table(&measured));
