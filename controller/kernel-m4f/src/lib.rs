@@ -2,7 +2,7 @@
 //! unsafe code on the way of the control law, in a crate of its own so that
 //! `controller` can forbid it.
 //!
-//! [`push_outputs`](fn@push_outputs) exists on Arm targets with the hard-float ABI
+//! `push_outputs` exists on Arm targets with the hard-float ABI
 //! alone; elsewhere this crate is empty and `controller` runs its portable kernel.
 //! That one is also the oracle that this one is compared with, bit for bit, by the
 //! bench image of `controller/firmware` on every `cargo xtask budget`.
