@@ -21,6 +21,7 @@ fn steps() -> Vec<Step> {
         cargo("controller on a Cortex-M0", "check -p controller --target thumbv6m-none-eabi"),
         cargo("controller on RISC-V", "check -p controller --target riscv32imac-unknown-none-elf"),
         cargo("format of the firmware", "fmt --check").within(FIRMWARE),
+        // All targets: the benches too are compiled here.
         cargo("lints", "clippy --workspace --all-targets --all-features -- -D warnings"),
         cargo("lints of the firmware", "clippy --release -- -D warnings").within(FIRMWARE),
         cargo(
@@ -31,7 +32,6 @@ fn steps() -> Vec<Step> {
         cargo("docs", "doc --workspace --no-deps --all-features")
             .with_env("RUSTDOCFLAGS", "-D warnings"),
         cargo("tests", "test --workspace --all-features"),
-        cargo("benches compile", "bench --workspace --no-run"),
         cargo("the main job", "run --release -- --json"),
     ]
 }

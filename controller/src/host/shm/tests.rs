@@ -68,8 +68,10 @@ fn another_leg_is_told_and_not_refused() {
         });
         let link = ShmLeg::connect(&domain(dir), played, LONG, &Stop::default());
         met.send(()).unwrap();
-        assert_eq!(link.unwrap().peer_leg(), trained.leg);
+        // It too stays until the controller has seen it.
+        let link = link.unwrap();
         assert_eq!(controlling.join().unwrap(), Some(played.leg));
+        assert_eq!(link.peer_leg(), trained.leg);
     });
 }
 
