@@ -4,6 +4,7 @@ pub mod bridge;
 pub mod cli;
 pub mod output;
 pub mod plant;
+pub mod record;
 pub mod scenario;
 pub mod session;
 pub mod shore;
