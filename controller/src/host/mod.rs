@@ -9,6 +9,7 @@
 //! plays one [`card::Role`]. A controller that is flashed is reached over a
 //! [`serial`] line.
 
+pub mod bench;
 pub mod blob;
 pub mod card;
 pub mod cli;
