@@ -25,7 +25,7 @@ pub mod socket;
 pub mod stop;
 mod wait;
 
-pub use card::{Role, Terms};
+pub use card::{Pace, Role, Terms};
 pub use domain::Domain;
 pub use link::{ControllerLink, LegLink, Link, LinkError};
 pub use payload::Message;
