@@ -13,8 +13,9 @@ use controller::host::{Role, Stop};
 use super::{checked_policy, misuse};
 use crate::scenario::{self, Scenario, Settings};
 use crate::session::child::ControllerCall;
-use crate::session::lock_step::{self, Ending, Options, Outcome};
+use crate::session::lock_step::{self, Options};
 use crate::session::two_processes::{self, Meeting, PlayError};
+use crate::session::{Ending, Outcome};
 
 /// Plays a scenario to a controller, in lock-step.
 #[derive(Debug, clap::Args)]

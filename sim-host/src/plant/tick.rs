@@ -16,6 +16,8 @@
 //!   where that does not happen, the body comes down, which is the apex map's rule for an
 //!   apex lower than the leg.
 
+use smallvec::SmallVec;
+
 use super::apex::Tolerance;
 use super::elongation::Elongation;
 use super::flight::Swim;
@@ -103,9 +105,10 @@ pub enum EventKind {
     Fall,
 }
 
-/// The events of one tick in their order. A tick without any allocates nothing.
+/// The events of one tick in their order. Up to [`TickEvents::INLINE`] of them, more
+/// than a tick of a millisecond has, allocate nothing.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct TickEvents(Vec<Event>);
+pub struct TickEvents(SmallVec<[Event; Self::INLINE]>);
 
 impl std::ops::Deref for TickEvents {
     type Target = [Event];
@@ -376,6 +379,9 @@ impl Body {
 }
 
 impl TickEvents {
+    /// Events that a tick has room for without allocating.
+    pub const INLINE: usize = 4;
+
     fn push(&mut self, kind: EventKind, t_s: f64, body: Body) {
         self.0.push(Event { kind, t_s, body });
     }

@@ -2,11 +2,17 @@
 
 pub mod child;
 mod hash;
+mod held;
+pub mod leg;
 pub mod lock_step;
+mod outcome;
 mod timing;
 pub mod two_processes;
 
 pub use child::ControllerChild;
 pub use hash::StateHash;
-pub use lock_step::{Ending, Options, Outcome, Report, SessionError, TickRecord};
+pub use held::SAFE_AFTER_TICKS;
+pub use leg::{Leg, TickRecord};
+pub use lock_step::{Options, SessionError};
+pub use outcome::{Ending, Outcome, Report};
 pub use timing::{RoundTripUs, RoundTrips};

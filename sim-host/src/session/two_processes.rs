@@ -9,7 +9,9 @@ use controller::host::shm::{ConnectError, Missing, ShmLeg};
 use controller::host::{Domain, Stop};
 
 use super::child::{ControllerCall, ControllerChild};
-use super::lock_step::{self, Options, Outcome, SessionError, TickRecord};
+use super::leg::TickRecord;
+use super::lock_step::{self, Options, SessionError};
+use super::outcome::Outcome;
 use crate::scenario::Scenario;
 
 /// How two processes come together.

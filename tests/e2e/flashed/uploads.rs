@@ -7,7 +7,8 @@ use controller::policy::{Policy, SHIPPED};
 use controller::serial::message::{MAX_CHUNK, Mode, Refusal, Reply, Request};
 use controller::wire::{Command, Sample};
 use sim_host::scenario::{Scenario, Settings};
-use sim_host::session::lock_step::{self, Ending, Options};
+use sim_host::session::Ending;
+use sim_host::session::lock_step::{self, Options};
 use std::time::Duration;
 
 use crate::board::{Flashed, RATE_HZ, shipped, skips, ticks};

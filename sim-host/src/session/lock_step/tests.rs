@@ -1,8 +1,12 @@
 use controller::host::memory::{self, Inline};
 use controller::host::serve::serve;
 
+use controller::wire::{Header, Sample, flags};
+
 use super::*;
+use crate::plant::{EventKind, Phase};
 use crate::scenario::Settings;
+use crate::session::Ending;
 
 /// A law without a policy: the angle mirrors the velocity, the spring gives a little.
 fn law(sample: &Sample) -> Command {
