@@ -12,6 +12,8 @@ use std::io::{self, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use serde::{Deserialize, Serialize};
+
 use super::domain::{Domain, still_named};
 use crate::leg::LegModel;
 use crate::wire::WIRE_VERSION;
@@ -54,7 +56,8 @@ impl fmt::Display for Role {
 }
 
 /// What sets the time of a run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Pace {
     /// Each tick waits for the command that answers its sample.
     LockStep,
