@@ -33,7 +33,8 @@ use super::wait::Waiter;
 use crate::wire::{Command, Sample};
 
 pub use error::{ConnectError, Missing};
-use service::{Service, config, service, settle};
+pub use service::config;
+use service::{Service, service, settle};
 
 /// Between two looks for a peer that has not come yet.
 const LOOK: Duration = Duration::from_millis(1);
