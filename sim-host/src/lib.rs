@@ -1,5 +1,6 @@
 //! The leg on the host: its physics, and the sessions that play it to a controller.
 
+pub mod bench;
 pub mod bridge;
 pub mod cli;
 pub mod output;

@@ -12,6 +12,8 @@ use std::io::{self, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use serde::{Deserialize, Serialize};
+
 use super::domain::{Domain, still_named};
 use crate::leg::LegModel;
 use crate::wire::WIRE_VERSION;
@@ -53,6 +55,39 @@ impl fmt::Display for Role {
     }
 }
 
+/// What sets the time of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Pace {
+    /// Each tick waits for the command that answers its sample.
+    LockStep,
+    /// Both sides tick by the machine's clock; nobody waits for the other.
+    RealTime,
+}
+
+impl Pace {
+    /// Its name on a card.
+    fn as_str(self) -> &'static str {
+        match self {
+            Self::LockStep => "lock-step",
+            Self::RealTime => "real-time",
+        }
+    }
+
+    fn parse(text: &str) -> Option<Self> {
+        [Self::LockStep, Self::RealTime].into_iter().find(|pace| pace.as_str() == text)
+    }
+}
+
+impl fmt::Display for Pace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::LockStep => "lock-step",
+            Self::RealTime => "real time",
+        })
+    }
+}
+
 /// What one side says of itself to the other. They must agree on all of it but
 /// the leg: a policy may well be tried on a leg that it was not trained for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,14 +101,34 @@ pub struct Terms {
     /// The leg that is played, or that the policy was trained for, as
     /// [`LegModel::fingerprint`] has it; `None` is no word about it.
     pub leg: Option<u32>,
+    /// What sets the time; `None` goes along with either.
+    pub pace: Option<Pace>,
 }
 
 impl Terms {
-    /// This build's messages, at `rate_hz`, under the gravity of Earth; no word
-    /// about the leg.
+    /// This build's messages, at `rate_hz`, in lock-step, under the gravity of
+    /// Earth; no word about the leg.
     #[must_use]
     pub fn at(rate_hz: u32) -> Self {
-        Self { wire_version: WIRE_VERSION, rate_hz, gravity_m_s2: 9.81, leg: None }
+        Self {
+            wire_version: WIRE_VERSION,
+            rate_hz,
+            gravity_m_s2: 9.81,
+            leg: None,
+            pace: Some(Pace::LockStep),
+        }
+    }
+
+    /// The same at another pace.
+    #[must_use]
+    pub fn with_pace(self, pace: Pace) -> Self {
+        Self { pace: Some(pace), ..self }
+    }
+
+    /// The same at whatever pace the peer has.
+    #[must_use]
+    pub fn with_any_pace(self) -> Self {
+        Self { pace: None, ..self }
     }
 
     /// The same under another gravity, m/s2.
@@ -100,11 +155,13 @@ pub(super) struct Card {
 
 impl Card {
     fn text(self) -> String {
-        let Terms { wire_version, rate_hz, gravity_m_s2, leg } = self.terms;
+        let Terms { wire_version, rate_hz, gravity_m_s2, leg, pace } = self.terms;
         let leg = leg.map_or_else(String::new, |leg| format!("leg {leg:08x}\n"));
-        // A float has the digits it takes to read the same bits back.
+        let pace = pace.map_or_else(String::new, |pace| format!("pace {}\n", pace.as_str()));
+        // A float has the digits it takes to read the same bits back. Gravity is last: with
+        // it the card is whole.
         format!(
-            "pid {}\nwire {wire_version}\nrate_hz {rate_hz}\n{leg}gravity_m_s2 {gravity_m_s2}\n",
+            "pid {}\nwire {wire_version}\nrate_hz {rate_hz}\n{leg}{pace}gravity_m_s2 {gravity_m_s2}\n",
             self.pid
         )
     }
@@ -123,6 +180,7 @@ impl Card {
                 rate_hz: field("rate_hz")?.parse().ok()?,
                 gravity_m_s2: field("gravity_m_s2")?.parse().ok()?,
                 leg: field("leg").and_then(|leg| u32::from_str_radix(leg, 16).ok()),
+                pace: field("pace").and_then(Pace::parse),
             },
             met: field("met").and_then(|pid| pid.parse().ok()),
         })
@@ -271,7 +329,11 @@ mod tests {
         let text = "pid 12\nwire 1\nrate_hz 1000\ngravity_m_s2 1.62\n";
         let card = Card::parse(&format!("{text}met 3")).unwrap();
         assert_eq!(card.met, None, "it may become 34");
-        assert_eq!(card.terms, Terms::at(1000).with_gravity(1.62));
+        assert_eq!(card.terms, Terms::at(1000).with_gravity(1.62).with_any_pace());
+        for terms in [Terms::at(50), Terms::at(50).with_pace(Pace::RealTime)] {
+            let card = Card { terms, ..card };
+            assert_eq!(Card::parse(&card.text()), Some(card));
+        }
         assert_eq!(Card::parse(&text.replace("12", "x")), None);
     }
 

@@ -9,9 +9,10 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
+use super::bench::{self, BenchError};
 use super::blob::{BlobError, PolicyBlob};
 use super::domain::{DEFAULT_DOMAIN, Domain, DomainError};
-use super::serial::commands::{self, Command};
+use super::serial::commands;
 use super::serve::{ServeError, serve};
 use super::shm::{ConnectError, ShmController};
 use super::{Role, Stop, Terms};
@@ -32,6 +33,15 @@ pub struct Call {
     command: Option<Command>,
     #[command(flatten)]
     args: Args,
+}
+
+/// What else the program does.
+#[derive(Clone, Debug, clap::Subcommand)]
+enum Command {
+    /// Measure the control law on this machine.
+    Bench(bench::Args),
+    #[command(flatten)]
+    Flashed(commands::Command),
 }
 
 /// Runs a policy on a leg: a command for every sample, in lock-step.
@@ -101,6 +111,9 @@ pub enum CliError {
     /// The run broke off.
     #[error(transparent)]
     Serve(#[from] ServeError),
+    /// Nothing was measured.
+    #[error(transparent)]
+    Bench(#[from] BenchError),
 }
 
 impl CliError {
@@ -109,6 +122,7 @@ impl CliError {
         matches!(
             self,
             Self::Policy(_)
+                | Self::Bench(BenchError::Policy(_))
                 | Self::Config(_)
                 | Self::Connect(ConnectError::Domain(DomainError::Name(_)))
         )
@@ -204,14 +218,13 @@ pub fn run(args: &Args) -> Result<Summary, CliError> {
 /// status.
 #[must_use]
 pub fn main(call: &Call) -> ExitCode {
-    if let Some(command) = &call.command {
-        return commands::main(command);
-    }
-    match run(&call.args) {
-        Ok(summary) => {
-            println!("{}: {summary}", Role::Controller);
-            ExitCode::SUCCESS
-        }
+    let done = match &call.command {
+        Some(Command::Flashed(command)) => return commands::main(command),
+        Some(Command::Bench(args)) => bench::run(args).map_err(CliError::from),
+        None => run(&call.args).map(|summary| println!("{}: {summary}", Role::Controller)),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("{}: {error}", Role::Controller);
             ExitCode::from(if error.is_misuse() { 2 } else { 1 })

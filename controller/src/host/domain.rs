@@ -145,15 +145,36 @@ pub(super) fn still_named(file: &File, path: &Path) -> bool {
     }
 }
 
+/// The folder of all domains of this user.
+fn base() -> PathBuf {
+    let user = rustix::process::getuid().as_raw();
+    std::env::temp_dir().join(format!("spring-leg-{user}"))
+}
+
+fn check_name(name: &str) -> Result<(), DomainError> {
+    let fit = |byte: u8| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'_';
+    if name.is_empty() || name.len() > MAX_NAME || !name.bytes().all(fit) {
+        return Err(DomainError::Name(name.to_owned()));
+    }
+    Ok(())
+}
+
 impl Domain {
     /// Joins the domain `name` of this user, making it if need be.
     ///
     /// # Errors
     /// [`DomainError`] when the name is unfit or the file system refuses.
     pub fn join(name: &str) -> Result<Arc<Self>, DomainError> {
-        let user = rustix::process::getuid().as_raw();
-        let base = std::env::temp_dir().join(format!("spring-leg-{user}"));
-        Self::join_in(&base, name)
+        Self::join_in(&base(), name)
+    }
+
+    /// The folder of the domain `name` of this user, joined by anybody or not.
+    ///
+    /// # Errors
+    /// [`DomainError::Name`].
+    pub fn folder(name: &str) -> Result<PathBuf, DomainError> {
+        check_name(name)?;
+        Ok(Place::new(&base(), name).root)
     }
 
     /// As [`Domain::join`], in a folder of the caller's choice.
@@ -161,10 +182,7 @@ impl Domain {
     /// # Errors
     /// As [`Domain::join`].
     pub fn join_in(base: &Path, name: &str) -> Result<Arc<Self>, DomainError> {
-        let fit = |byte: u8| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'_';
-        if name.is_empty() || name.len() > MAX_NAME || !name.bytes().all(fit) {
-            return Err(DomainError::Name(name.to_owned()));
-        }
+        check_name(name)?;
         let place = Place::new(base, name);
         let deadline = Instant::now() + PATIENCE;
         loop {

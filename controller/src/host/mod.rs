@@ -6,13 +6,16 @@
 //! shared memory). All pass the same [`conformance`] suite.
 //!
 //! Two processes find each other by the name of a [`domain`], in which each
-//! plays one [`card::Role`]. A controller that is flashed is reached over a
+//! plays one [`card::Role`]; questions and orders from beside the loop come to
+//! its [`desk`]. A controller that is flashed is reached over a
 //! [`serial`] line.
 
+pub mod bench;
 pub mod blob;
 pub mod card;
 pub mod cli;
 pub mod conformance;
+pub mod desk;
 pub mod domain;
 pub mod flash;
 pub mod link;
@@ -25,7 +28,8 @@ pub mod socket;
 pub mod stop;
 mod wait;
 
-pub use card::{Role, Terms};
+pub use card::{Pace, Role, Terms};
+pub use desk::Desk;
 pub use domain::Domain;
 pub use link::{ControllerLink, LegLink, Link, LinkError};
 pub use payload::Message;

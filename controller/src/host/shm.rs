@@ -33,7 +33,8 @@ use super::wait::Waiter;
 use crate::wire::{Command, Sample};
 
 pub use error::{ConnectError, Missing};
-use service::{Service, config, service, settle};
+pub use service::config;
+use service::{Service, service, settle};
 
 /// Between two looks for a peer that has not come yet.
 const LOOK: Duration = Duration::from_millis(1);
@@ -189,6 +190,7 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
                 waited,
                 rate_hz: self.terms.rate_hz,
                 gravity_m_s2: self.terms.gravity_m_s2,
+                pace: self.terms.pace,
             };
             if waited >= timeout || !watch(&missing) {
                 return Err(ConnectError::PeerMissing(missing));
@@ -341,6 +343,10 @@ fn disagreement(peer: Role, theirs: Terms, ours: Terms) -> Option<ConnectError> 
     } else if theirs.gravity_m_s2.to_bits() != ours.gravity_m_s2.to_bits() {
         let (theirs, ours) = (theirs.gravity_m_s2, ours.gravity_m_s2);
         Some(ConnectError::Gravity { peer, theirs, ours })
+    } else if let (Some(theirs), Some(ours)) = (theirs.pace, ours.pace)
+        && theirs != ours
+    {
+        Some(ConnectError::Pace { peer, theirs, ours })
     } else {
         None
     }

@@ -118,7 +118,9 @@ pub fn run(options: &Options, dial: Dial, tell: Tell, stop: &Stop) -> Result<Rep
     let mut target = Target::find(dial, tell, terms, on_unplug, timeout, stop)?;
     let domain = Domain::join(&options.domain)?;
     let leg = target.who.policy.as_ref().map(|policy| policy.leg);
-    let meeting = Terms { leg, ..Terms::at(terms.rate_hz).with_gravity(terms.gravity_m_s2) };
+    // It goes along with either pace.
+    let meeting =
+        Terms { leg, ..Terms::at(terms.rate_hz).with_gravity(terms.gravity_m_s2).with_any_pace() };
 
     // Refused terms are the caller's error, to be said at once; and a controller left in the
     // middle of another run stops.

@@ -5,6 +5,7 @@
 //! other failure, a leg that falls among them.
 
 mod apex;
+mod bench;
 mod bridge;
 mod run;
 mod shore;
@@ -35,6 +36,12 @@ enum Command {
     Controller(controller::host::cli::Call),
     /// Be the controller by way of a flashed one, on a serial line.
     Bridge(Box<bridge::Args>),
+    /// Measure what a tick costs on this machine.
+    Bench {
+        /// What.
+        #[command(subcommand)]
+        what: bench::Bench,
+    },
     /// Take hops: from one apex to the next, for each row of a CSV file.
     Apex(apex::Args),
 }
@@ -48,6 +55,7 @@ pub fn main() -> ExitCode {
         Some(Command::Run(args)) => run::main(&args),
         Some(Command::Bridge(args)) => bridge::main(&args),
         Some(Command::Apex(args)) => apex::main(&args),
+        Some(Command::Bench { what }) => bench::main(&what),
         Some(Command::Controller(args)) => return controller::host::cli::main(&args),
     };
     outcome.unwrap_or_else(|error| {

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::time::Duration;
 
-use crate::host::card::Role;
+use crate::host::card::{Pace, Role};
 use crate::host::domain::DomainError;
 
 /// The peer that has not come, and how to start it.
@@ -19,14 +19,17 @@ pub struct Missing {
     pub rate_hz: u32,
     /// The gravity that it has to be told, m/s2.
     pub gravity_m_s2: f32,
+    /// The pace that it has to have; `None` is either.
+    pub pace: Option<Pace>,
 }
 
 impl fmt::Display for Missing {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { peer, domain, waited, rate_hz, gravity_m_s2 } = self;
+        let Self { peer, domain, waited, rate_hz, gravity_m_s2, pace } = self;
+        let pace = if *pace == Some(Pace::RealTime) { " --real-time" } else { "" };
         write!(
             f,
-            "no {peer} in domain `{domain}` after {:.1} s; start one with `{} --domain {domain} --rate {rate_hz} --gravity {gravity_m_s2}`",
+            "no {peer} in domain `{domain}` after {:.1} s; start one with `{} --domain {domain} --rate {rate_hz} --gravity {gravity_m_s2}{pace}`",
             waited.as_secs_f64(),
             peer.start_hint()
         )
@@ -86,6 +89,18 @@ pub enum ConnectError {
         theirs: f32,
         /// This program's, m/s2.
         ours: f32,
+    },
+    /// The peer's time is set by something else.
+    #[error(
+        "the {peer} runs in {theirs}, this program in {ours}; give --real-time to both sides, or to neither"
+    )]
+    Pace {
+        /// Who.
+        peer: Role,
+        /// The peer's pace.
+        theirs: Pace,
+        /// This program's.
+        ours: Pace,
     },
     /// The domain cannot be joined.
     #[error(transparent)]

@@ -27,7 +27,10 @@ pub(super) type Service<T> = PortFactory<ipc::Service, T, ()>;
 
 /// iceoryx2's configuration for a domain: all its files in the domain's
 /// folder, all its shared memory under the domain's prefix.
-pub(super) fn config(domain: &Domain) -> Result<Config, String> {
+///
+/// # Errors
+/// What in the folder's name iceoryx2 does not take.
+pub fn config(domain: &Domain) -> Result<Config, String> {
     let mut config = Config::default();
     config.global.prefix = FileName::new(domain.prefix().as_bytes()).map_err(|e| e.to_string())?;
     let root = Path::new(domain.root().as_os_str().as_encoded_bytes())

@@ -1,4 +1,5 @@
 use super::*;
+use crate::host::card::Pace;
 use crate::leg::LegModel;
 
 const SHORT: Duration = Duration::from_millis(50);
@@ -52,6 +53,22 @@ fn another_gravity_is_refused_on_both_sides() {
 }
 
 #[test]
+fn another_pace_is_refused_on_both_sides_unless_one_leaves_it_open() {
+    let lock_step = Terms::at(1000);
+    let (leg, controller) = refusals(lock_step.with_pace(Pace::RealTime), lock_step);
+    for (message, part) in [
+        (leg.to_string(), "the controller runs in lock-step, this program in real time"),
+        (controller.to_string(), "the simulator runs in real time, this program in lock-step"),
+    ] {
+        assert!(message.contains(part) && message.contains("--real-time"), "{message}");
+    }
+    for any in [lock_step, lock_step.with_pace(Pace::RealTime), lock_step.with_any_pace()] {
+        assert!(disagreement(Role::Leg, any, lock_step.with_any_pace()).is_none());
+        assert!(disagreement(Role::Leg, lock_step.with_any_pace(), any).is_none());
+    }
+}
+
+#[test]
 fn another_leg_is_told_and_not_refused() {
     let dir = tempfile::tempdir().unwrap();
     let trained = Terms::at(1000).with_leg(&LegModel::HUMAN);
@@ -101,7 +118,11 @@ fn a_missing_peer_is_waited_for_as_long_as_told_or_until_given_up() {
     assert!(start.elapsed() >= SHORT);
     let message = missing.expect_err("nobody there").to_string();
     assert!(message.contains("no controller in domain `d`"), "{message}");
-    assert!(message.contains("--rate 500 --gravity 9.81"), "{message}");
+    assert!(message.contains("--rate 500 --gravity 9.81`"), "{message}");
+    let real_time = Terms::at(500).with_pace(Pace::RealTime);
+    let missing = ShmLeg::connect(&domain, real_time, SHORT, &Stop::default());
+    let message = missing.expect_err("nobody there").to_string();
+    assert!(message.contains("--gravity 9.81 --real-time`"), "{message}");
 
     let mut looks = 0;
     let given_up =

@@ -1,0 +1,272 @@
+//! The desk of a running process: questions and orders from beside the loop.
+//!
+//! Each player of a [`Role`] may keep a unix socket in its domain's folder. A
+//! caller writes one request, a line of JSON, and reads one answer, a line of
+//! JSON; then both hang up. A thread of the desk's own serves one caller after
+//! the other, so that the loop never sees them: what an answer needs of the
+//! loop, and what an order brings to it, goes through wait-free cells.
+//!
+//! What is asked is the business of each program; what the controller answers
+//! is in [`requests`].
+
+pub mod requests;
+
+use std::fmt::Display;
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::Shutdown;
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
+use super::card::Role;
+use super::domain::{Domain, DomainError};
+use super::socket::{SocketError, SocketFile};
+
+/// Longest request and longest answer, bytes: a policy of 1 MiB in text, and some.
+pub const MAX_LINE: usize = 4 << 20;
+/// Within this time a caller has asked and has read the answer, or is hung up on.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// Between two looks whether the desk closes.
+const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
+
+/// What goes back over the socket: the answer, or why there is none.
+type Answer = Result<Value, String>;
+
+/// Why a question was not answered.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum AskError {
+    /// The name of the domain is unfit.
+    #[error(transparent)]
+    Domain(#[from] DomainError),
+    /// Nobody plays that role there.
+    #[error(
+        "no {role} is running in domain `{domain}`; start one with `{} --domain {domain}`, or name another --domain",
+        role.start_hint()
+    )]
+    Nobody {
+        /// Which role.
+        role: Role,
+        /// Where.
+        domain: String,
+    },
+    /// It did not answer in time.
+    #[error("the {role} in domain `{domain}` has not answered for {:.1} s; is it stopped?", waited.as_secs_f64())]
+    Silent {
+        /// Which role.
+        role: Role,
+        /// Where.
+        domain: String,
+        /// For so long.
+        waited: Duration,
+    },
+    /// It will not; in its own words.
+    #[error("{0}")]
+    Refused(String),
+    /// The request cannot be put into a line, or is too long for one.
+    #[error("the request is {0} bytes long; the limit is {MAX_LINE}")]
+    TooLong(usize),
+    /// What came back is no answer to the question.
+    #[error(
+        "the {role} in domain `{domain}` answers what this program cannot read ({cause}); build both from the same release"
+    )]
+    Unreadable {
+        /// Which role.
+        role: Role,
+        /// Where.
+        domain: String,
+        /// What is wrong with it.
+        cause: String,
+    },
+    /// The system refused.
+    #[error("cannot ask the {role} at {}: {cause}", path.display())]
+    Io {
+        /// Which role.
+        role: Role,
+        /// Its socket.
+        path: PathBuf,
+        /// What the system says.
+        cause: io::Error,
+    },
+}
+
+/// Where the player of `role` is asked.
+fn path(root: &Path, role: Role) -> PathBuf {
+    root.join(format!("{}.desk", role.as_str()))
+}
+
+/// An open desk; closes when dropped.
+#[derive(Debug)]
+pub struct Desk {
+    end: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+    _file: SocketFile,
+    // Last: the socket lies in its folder.
+    _domain: Arc<Domain>,
+}
+
+impl Desk {
+    /// Opens the desk of `role`, which this process plays, in place of one that
+    /// a killed predecessor left. `answer` hears every request that can be
+    /// read, on a thread of the desk's own; an `Err` of it goes to the asker,
+    /// as [`AskError::Refused`].
+    ///
+    /// # Errors
+    /// [`SocketError`] when the socket cannot be had.
+    pub fn open<Q: DeserializeOwned, R: Serialize>(
+        domain: &Arc<Domain>,
+        role: Role,
+        mut answer: impl FnMut(Q) -> Result<R, String> + Send + 'static,
+    ) -> Result<Self, SocketError> {
+        let path = path(domain.root(), role);
+        let (file, listener) = SocketFile::bind(&path)?;
+        let failed = |cause| SocketError::Io { path: path.clone(), cause };
+        listener.set_nonblocking(true).map_err(failed)?;
+        let end = Arc::new(AtomicBool::new(false));
+        let ends = Arc::clone(&end);
+        let answer = move |line: &[u8]| -> Answer {
+            let request = serde_json::from_slice(line)
+                .map_err(|cause| format!("this is no request that is known here: {cause}"))?;
+            serde_json::to_value(answer(request)?).map_err(|cause| cause.to_string())
+        };
+        let thread = std::thread::Builder::new()
+            .name("desk".into())
+            .spawn(move || serve(&listener, &ends, answer))
+            .map_err(failed)?;
+        Ok(Self { end, thread: Some(thread), _file: file, _domain: Arc::clone(domain) })
+    }
+}
+
+impl Drop for Desk {
+    fn drop(&mut self) {
+        self.end.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn serve(listener: &UnixListener, end: &AtomicBool, mut answer: impl FnMut(&[u8]) -> Answer) {
+    while !end.load(Ordering::Relaxed) {
+        match listener.accept() {
+            // A caller that fails us is its own loss.
+            Ok((socket, _)) => drop(attend(socket, &mut answer)),
+            Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                let _ = poll(&mut [PollFd::new(listener, PollFlags::IN)], Some(&LOOK));
+            }
+            Err(_) => std::thread::sleep(Duration::from_millis(10)),
+        }
+    }
+}
+
+/// One caller, from its request to its answer.
+fn attend(mut socket: UnixStream, answer: &mut impl FnMut(&[u8]) -> Answer) -> io::Result<()> {
+    socket.set_nonblocking(false)?;
+    let deadline = Instant::now() + PATIENCE;
+    let answer: Answer = match read_line(&mut socket, deadline) {
+        Ok(line) => answer(&line),
+        Err(error) if error.kind() == ErrorKind::FileTooLarge => Err(error.to_string()),
+        Err(error) => return Err(error),
+    };
+    write_line(&mut socket, &serde_json::to_vec(&answer)?, deadline)?;
+    socket.shutdown(Shutdown::Both)
+}
+
+/// The next line, without its end.
+fn read_line(socket: &mut UnixStream, deadline: Instant) -> io::Result<Vec<u8>> {
+    let mut line = Vec::new();
+    let mut room = [0; 4096];
+    loop {
+        socket.set_read_timeout(Some(left(deadline)?))?;
+        let count = match socket.read(&mut room) {
+            Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
+            Err(error) if error.kind() == ErrorKind::Interrupted => continue,
+            count => count?,
+        };
+        if let Some(end) = room[..count].iter().position(|byte| *byte == b'\n') {
+            line.extend_from_slice(&room[..end]);
+            return Ok(line);
+        }
+        line.extend_from_slice(&room[..count]);
+        if line.len() > MAX_LINE {
+            let what = format!("longer than the limit of {MAX_LINE} bytes, and no end of line");
+            return Err(io::Error::new(ErrorKind::FileTooLarge, what));
+        }
+    }
+}
+
+fn write_line(socket: &mut UnixStream, line: &[u8], deadline: Instant) -> io::Result<()> {
+    for part in [line, b"\n"] {
+        socket.set_write_timeout(Some(left(deadline)?))?;
+        socket.write_all(part)?;
+    }
+    Ok(())
+}
+
+/// The time until `deadline`; an error once it is over.
+fn left(deadline: Instant) -> io::Result<Duration> {
+    let left = deadline.saturating_duration_since(Instant::now());
+    if left.is_zero() { Err(ErrorKind::TimedOut.into()) } else { Ok(left) }
+}
+
+/// Asks the player of `role` in `domain` and waits for its answer, at most for
+/// `timeout`.
+///
+/// # Errors
+/// [`AskError`]: nobody is there, or will not answer, or not in time.
+pub fn ask<Q: Serialize, R: DeserializeOwned>(
+    domain: &str,
+    role: Role,
+    request: &Q,
+    timeout: Duration,
+) -> Result<R, AskError> {
+    ask_at(&Domain::folder(domain)?, domain, role, request, timeout)
+}
+
+fn ask_at<Q: Serialize, R: DeserializeOwned>(
+    root: &Path,
+    domain: &str,
+    role: Role,
+    request: &Q,
+    timeout: Duration,
+) -> Result<R, AskError> {
+    let path = path(root, role);
+    let domain = domain.to_owned();
+    let unreadable = |cause: &dyn Display| AskError::Unreadable {
+        role,
+        domain: domain.clone(),
+        cause: cause.to_string(),
+    };
+    let line = serde_json::to_vec(request).map_err(|cause| unreadable(&cause))?;
+    if line.len() > MAX_LINE {
+        return Err(AskError::TooLong(line.len()));
+    }
+    let exchange = || -> io::Result<Vec<u8>> {
+        let deadline = Instant::now() + timeout;
+        let mut socket = UnixStream::connect(&path)?;
+        write_line(&mut socket, &line, deadline)?;
+        read_line(&mut socket, deadline)
+    };
+    let answer = exchange().map_err(|cause| match cause.kind() {
+        ErrorKind::NotFound | ErrorKind::ConnectionRefused => {
+            AskError::Nobody { role, domain: domain.clone() }
+        }
+        ErrorKind::TimedOut | ErrorKind::WouldBlock => {
+            AskError::Silent { role, domain: domain.clone(), waited: timeout }
+        }
+        _ => AskError::Io { role, path: path.clone(), cause },
+    })?;
+    let answer: Answer = serde_json::from_slice(&answer).map_err(|cause| unreadable(&cause))?;
+    serde_json::from_value(answer.map_err(AskError::Refused)?).map_err(|cause| unreadable(&cause))
+}
+
+#[cfg(test)]
+mod tests;

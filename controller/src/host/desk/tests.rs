@@ -1,0 +1,96 @@
+use super::requests::{Crc32, Request};
+use super::*;
+
+const LONG: Duration = Duration::from_secs(10);
+
+fn domain(dir: &tempfile::TempDir) -> Arc<Domain> {
+    Domain::join_in(&dir.path().join("base"), "d").unwrap()
+}
+
+fn desk(domain: &Arc<Domain>) -> Desk {
+    Desk::open(domain, Role::Controller, |request: Request| match request {
+        Request::Swap { file, blob } => Ok(format!("{file}: {}", blob.len())),
+        _ => Err("not today".to_owned()),
+    })
+    .unwrap()
+}
+
+fn asked(domain: &Arc<Domain>, request: &Request) -> Result<String, AskError> {
+    ask_at(domain.root(), domain.name(), Role::Controller, request, LONG)
+}
+
+/// What comes back to bytes that no well-behaved caller sends.
+fn raw(domain: &Arc<Domain>, bytes: &[u8]) -> String {
+    let mut socket = UnixStream::connect(path(domain.root(), Role::Controller)).unwrap();
+    let _ = socket.write_all(bytes);
+    let mut answer = String::new();
+    let _ = socket.read_to_string(&mut answer);
+    answer
+}
+
+#[test]
+fn a_question_is_answered_or_refused_in_words() {
+    let dir = tempfile::tempdir().unwrap();
+    let domain = domain(&dir);
+    let open = desk(&domain);
+    let blob: Vec<u8> = (0..=255).cycle().take(1 << 20).collect();
+    let swap = Request::Swap { file: "a.bin".into(), blob };
+    assert_eq!(asked(&domain, &swap).unwrap(), "a.bin: 1048576");
+    let refused = asked(&domain, &Request::Status).unwrap_err();
+    assert!(matches!(&refused, AskError::Refused(why) if why == "not today"), "{refused}");
+    drop(open);
+    let nobody = asked(&domain, &Request::Status).unwrap_err().to_string();
+    assert!(nobody.contains("no controller is running in domain `d`"), "{nobody}");
+    assert!(nobody.contains("controller --policy FILE --domain d"), "{nobody}");
+    assert!(!path(domain.root(), Role::Controller).exists());
+}
+
+#[test]
+fn what_is_no_request_is_said_to_be_none_and_the_next_is_served() {
+    let dir = tempfile::tempdir().unwrap();
+    let domain = domain(&dir);
+    let _open = desk(&domain);
+    for (bytes, part) in [
+        (&b"\n"[..], "no request"),
+        (b"{\"request\":\"fly\"}\n", "unknown variant `fly`"),
+        (b"{\"request\":\"swap\",\"file\":\"a\",\"blob\":\"!\"}\n", "Invalid symbol"),
+        (b"\xff\xfe\n", "no request"),
+        (&vec![b'x'; MAX_LINE + 4096], "longer than the limit of 4194304 bytes"),
+    ] {
+        let answer = raw(&domain, bytes);
+        assert!(answer.contains(part) && answer.starts_with("{\"Err\""), "{part}: {answer}");
+    }
+    // One that hangs up in the middle, and one that says nothing.
+    drop(UnixStream::connect(path(domain.root(), Role::Controller)).unwrap());
+    let idle = UnixStream::connect(path(domain.root(), Role::Controller)).unwrap();
+    let start = Instant::now();
+    assert!(asked(&domain, &Request::Status).is_err());
+    assert!(start.elapsed() < 2 * PATIENCE, "{:?}", start.elapsed());
+    drop(idle);
+}
+
+#[test]
+fn a_dead_ones_desk_is_replaced_and_a_silent_one_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let domain = domain(&dir);
+    drop(UnixListener::bind(path(domain.root(), Role::Controller)).unwrap());
+    let nobody = asked(&domain, &Request::Status);
+    assert!(matches!(nobody, Err(AskError::Nobody { .. })), "{nobody:?}");
+    let open = desk(&domain);
+    assert!(matches!(asked(&domain, &Request::Status), Err(AskError::Refused(_))));
+    drop(open);
+
+    // As a stopped process: it listens, and nobody is at home.
+    let _listener = UnixListener::bind(path(domain.root(), Role::Leg)).unwrap();
+    let wait = Duration::from_millis(50);
+    let silent: Result<String, _> = ask_at(domain.root(), "d", Role::Leg, &Request::Status, wait);
+    assert!(matches!(silent, Err(AskError::Silent { role: Role::Leg, .. })), "{silent:?}");
+}
+
+#[test]
+fn a_checksum_is_eight_digits() {
+    let text = serde_json::to_string(&Crc32(0xab)).unwrap();
+    assert_eq!(text, "\"000000ab\"");
+    assert_eq!(serde_json::from_str::<Crc32>(&text).unwrap(), Crc32(0xab));
+    assert!(serde_json::from_str::<Crc32>("\"policy\"").is_err());
+}

@@ -1,0 +1,122 @@
+//! The floor: words in shared memory, guarded by a counter each way.
+#![allow(unsafe_code, reason = "a view of shared memory as atomics; nothing else here can do it")]
+
+use std::fs::File;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use anyhow::Context;
+use controller::host::Domain;
+use memmap2::{MmapOptions, MmapRaw};
+
+use super::{Ping, Pong, spin_for};
+
+/// Words apart, so that the two directions share no cache line, nor a pair of them.
+const STRIDE: usize = 32;
+const WORDS: usize = 2 * STRIDE;
+/// The counter of each direction stands before its words.
+const PING: usize = 0;
+const PONG: usize = STRIDE;
+
+/// The words that two processes share.
+struct Shared(MmapRaw);
+
+impl Shared {
+    fn path(domain: &Domain) -> PathBuf {
+        // Under the domain's prefix, so that it goes with the domain.
+        PathBuf::from(format!("/dev/shm/{}bench", domain.prefix()))
+    }
+
+    fn map(file: &File) -> std::io::Result<Self> {
+        MmapOptions::new().len(8 * WORDS).map_raw(file).map(Self)
+    }
+
+    #[expect(clippy::cast_ptr_alignment, reason = "a map begins at a page")]
+    fn words(&self) -> &[AtomicU64; WORDS] {
+        let words = self.0.as_ptr().cast::<[AtomicU64; WORDS]>();
+        // SAFETY: the map is `8 * WORDS` bytes of a file of that length, page-aligned, and
+        // lives as long as `self`; every process touches it by atomics only, and every bit
+        // pattern is a u64.
+        unsafe { &*words }
+    }
+
+    /// Writes words, then the counter that says so.
+    fn say(&self, at: usize, count: u64, message: &[u64]) {
+        let words = self.words();
+        for (word, value) in words[at + 1..].iter().zip(message) {
+            word.store(*value, Ordering::Relaxed);
+        }
+        words[at].store(count, Ordering::Release);
+    }
+
+    /// Waits for the counter, then reads the words.
+    fn hear<const N: usize>(&self, at: usize, count: u64) -> anyhow::Result<[u64; N]> {
+        let words = self.words();
+        spin_for(|| Ok((words[at].load(Ordering::Acquire) == count).then_some(())))?;
+        Ok(std::array::from_fn(|i| words[at + 1 + i].load(Ordering::Relaxed)))
+    }
+}
+
+/// The end that asks.
+pub(super) struct Asker {
+    shared: Shared,
+    count: u64,
+}
+
+impl Asker {
+    pub(super) fn create(domain: &Domain) -> anyhow::Result<Self> {
+        let path = Shared::path(domain);
+        let file = File::options().create(true).truncate(true).read(true).write(true).open(&path);
+        let shared = file.and_then(|file| {
+            file.set_len(8 * WORDS as u64)?;
+            Shared::map(&file)
+        });
+        let shared = shared.with_context(|| format!("cannot share {}", path.display()))?;
+        Ok(Self { shared, count: 0 })
+    }
+
+    pub(super) fn ask(&mut self, i: u64) -> anyhow::Result<()> {
+        self.count += 1;
+        let ping: Ping = [i; 6];
+        self.shared.say(PING, self.count, &ping);
+        let pong: Pong = self.shared.hear(PONG, self.count)?;
+        anyhow::ensure!(pong == [i; 8], "asked {i}, was answered {pong:?}");
+        Ok(())
+    }
+}
+
+/// The end that answers.
+pub(super) struct Answerer {
+    shared: Shared,
+    count: u64,
+}
+
+impl Answerer {
+    /// Waits until the other end has made the memory.
+    pub(super) fn open(domain: &Domain, timeout: Duration) -> anyhow::Result<Self> {
+        let path = Shared::path(domain);
+        let start = Instant::now();
+        loop {
+            match File::options().read(true).write(true).open(&path) {
+                Ok(file) if file.metadata()?.len() == 8 * WORDS as u64 => {
+                    return Ok(Self { shared: Shared::map(&file)?, count: 0 });
+                }
+                Err(cause) if start.elapsed() > timeout => {
+                    return Err(cause).with_context(|| format!("cannot open {}", path.display()));
+                }
+                _ => std::thread::sleep(Duration::from_millis(1)),
+            }
+        }
+    }
+
+    pub(super) fn answer(&mut self, times: u64) -> anyhow::Result<()> {
+        for _ in 0..times {
+            self.count += 1;
+            let ping: Ping = self.shared.hear(PING, self.count)?;
+            let pong: Pong = [ping[0]; 8];
+            self.shared.say(PONG, self.count, &pong);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,72 @@
+//! `sim-host bench`.
+
+use std::process::{Command, ExitCode, Stdio};
+
+use controller::host::Domain;
+
+use crate::bench::{self, Size};
+
+/// What to measure.
+#[derive(Debug, clap::Subcommand)]
+pub(super) enum Bench {
+    /// The lock-step loop between two processes, beside its transport alone.
+    Loop(LoopArgs),
+    /// The other process of `bench loop`.
+    #[command(hide = true)]
+    Echo(EchoArgs),
+}
+
+/// Measures, in turn, a round trip through bare shared memory, one through bare
+/// iceoryx2, and a full tick in lock-step (sample, guard, gait, cascade,
+/// command, plant), between two processes.
+#[derive(Debug, clap::Args)]
+pub(super) struct LoopArgs {
+    #[command(flatten)]
+    size: Size,
+    /// Print the result as one JSON object: `raw_shm_us`, `raw_iceoryx2_us`,
+    /// `full_tick_us`, each {p50, p99, `p99_9`, max}, and `ticks_per_s`.
+    #[arg(long)]
+    json: bool,
+}
+
+/// How the other process is called.
+#[derive(Debug, clap::Args)]
+pub(super) struct EchoArgs {
+    #[arg(long)]
+    domain: String,
+    #[command(flatten)]
+    size: Size,
+}
+
+pub(super) fn main(bench: &Bench) -> anyhow::Result<ExitCode> {
+    match bench {
+        Bench::Loop(args) => measure(args)?,
+        Bench::Echo(args) => bench::echo(&Domain::join(&args.domain)?, args.size)?,
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn measure(args: &LoopArgs) -> anyhow::Result<()> {
+    let name = format!("bench-{}", std::process::id());
+    let domain = Domain::join(&name)?;
+    let mut echo = Command::new(std::env::current_exe()?)
+        .args(["bench", "echo", "--domain", &name])
+        .args(["--rounds", &args.size.rounds.to_string()])
+        .args(["--exchanges", &args.size.exchanges.to_string()])
+        .stdin(Stdio::null())
+        .spawn()?;
+    let report = bench::measure(&domain, args.size);
+    if report.is_err() {
+        // It may wait for what will not come.
+        let _ = echo.kill();
+    }
+    let ended = echo.wait()?;
+    let report = report?;
+    anyhow::ensure!(ended.success(), "the other process failed ({ended}); its message is above");
+    if args.json {
+        println!("{}", serde_json::to_string(&report)?);
+    } else {
+        println!("{report}");
+    }
+    Ok(())
+}
