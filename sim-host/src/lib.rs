@@ -6,6 +6,7 @@ pub mod cli;
 pub mod output;
 pub mod plant;
 pub mod record;
+pub mod replay;
 pub mod scenario;
 pub mod session;
 pub mod shore;

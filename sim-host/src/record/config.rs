@@ -2,6 +2,7 @@
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
+use controller::host::Pace;
 use controller::policy;
 use controller::wire::WIRE_VERSION;
 
@@ -9,25 +10,10 @@ use super::schema::{Config, End, Policy};
 use crate::scenario::{Scenario, Settings};
 use crate::session::{Ending, Outcome};
 
-/// How time passes in a run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Pace {
-    /// Time waits for the controller.
-    LockStep,
-    /// It does not.
-    RealTime,
-}
-
-impl Pace {
-    /// As it stands in a recording.
-    #[must_use]
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Self::LockStep => "lock-step",
-            Self::RealTime => "real-time",
-        }
-    }
-}
+/// How [`Config::pace`] says it.
+pub const LOCK_STEP: &str = "lock-step";
+/// How [`Config::pace`] says it.
+pub const REAL_TIME: &str = "real-time";
 
 impl Config {
     /// Of a run that begins now, of this program as it was called.
@@ -46,7 +32,11 @@ impl Config {
             wire_version: WIRE_VERSION.into(),
             rate_hz: scenario.rate_hz,
             gravity_m_s2: scenario.controller_gravity_m_s2(),
-            pace: pace.as_str().to_owned(),
+            pace: match pace {
+                Pace::LockStep => LOCK_STEP,
+                Pace::RealTime => REAL_TIME,
+            }
+            .to_owned(),
             command_line: std::env::args_os().map(|a| a.to_string_lossy().into_owned()).collect(),
             started_unix_ns: since.as_nanos() as u64,
         })
@@ -54,7 +44,7 @@ impl Config {
 }
 
 impl Policy {
-    /// A policy that passed its checks, acting from a tick of a run on.
+    /// A policy that passed its checks, given to the controller before a tick.
     #[must_use]
     pub fn of(blob: &[u8], policy: &policy::Policy<'_>, epoch: u32, seq: u64) -> Self {
         let crc32 = blob.last_chunk().copied().map_or(0, u32::from_le_bytes);

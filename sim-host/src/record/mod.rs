@@ -16,8 +16,9 @@
 
 mod child;
 mod clerk;
-mod config;
+pub mod config;
 mod pipe;
+mod policies;
 pub mod read;
 mod recorder;
 pub mod schema;
@@ -25,6 +26,6 @@ mod tap;
 mod translate;
 
 pub use child::main as recorder;
-pub use config::Pace;
+pub use policies::PolicyWatch;
 pub use recorder::{Notes, RecordError, Recorded, Recorder};
 pub use tap::{OnFull, Tap};

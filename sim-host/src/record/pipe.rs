@@ -13,7 +13,6 @@ use std::io::{self, ErrorKind, Read, Write};
 use std::os::fd::AsFd;
 use std::time::{Duration, Instant};
 
-use prost::Message;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::schema::{Channel, Recorded};
@@ -162,6 +161,8 @@ pub(super) fn wait(file: &impl AsFd, flags: PollFlags, time: Duration) -> io::Re
 
 #[cfg(test)]
 mod tests {
+    use prost::Message;
+
     use super::super::schema::{Config, End};
     use super::*;
 

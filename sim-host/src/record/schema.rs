@@ -325,13 +325,14 @@ pub struct Policy {
     /// The checksum at its end.
     #[prost(uint32, tag = "2")]
     pub crc32: u32,
-    /// The file.
+    /// The file; empty when the recorder did not get hold of it.
     #[prost(bytes = "vec", tag = "3")]
     pub blob: Vec<u8>,
-    /// The run in which it acts.
+    /// The run.
     #[prost(uint32, tag = "4")]
     pub epoch: u32,
-    /// The tick from which it acts.
+    /// The tick before which the controller was given it; it takes over at the
+    /// next apex.
     #[prost(uint64, tag = "5")]
     pub seq: u64,
 }

@@ -376,6 +376,17 @@ pub enum ScenarioError {
 /// # Errors
 /// [`ScenarioError`], naming the file or the command line.
 pub fn load(file: Option<&Path>, flags: Settings) -> Result<Scenario, ScenarioError> {
+    load_with_settings(file, flags).map(|(scenario, _)| scenario)
+}
+
+/// The same, with the settings of both together.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_with_settings(
+    file: Option<&Path>,
+    flags: Settings,
+) -> Result<(Scenario, Settings), ScenarioError> {
     let mut settings = flags;
     if let Some(path) = file {
         let base = Settings::from_file(path)?;
@@ -384,8 +395,9 @@ pub fn load(file: Option<&Path>, flags: Settings) -> Result<Scenario, ScenarioEr
             .map_err(|cause| ScenarioError::Value { origin: path.display().to_string(), cause })?;
         settings = settings.over(base);
     }
-    Scenario::from_settings(&settings)
-        .map_err(|cause| ScenarioError::Value { origin: "command line".to_owned(), cause })
+    let scenario = Scenario::from_settings(&settings)
+        .map_err(|cause| ScenarioError::Value { origin: "command line".to_owned(), cause })?;
+    Ok((scenario, settings))
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 mod bridge;
 mod place;
+mod record;
 
 use std::fs;
 use std::time::Duration;
