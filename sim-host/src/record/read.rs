@@ -111,8 +111,8 @@ impl Reader {
     /// # Errors
     /// [`ReadError`] when it is none.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
-        let file = File::open(path)
-            .map_err(|cause| ReadError::Io { path: path.to_owned(), cause })?;
+        let file =
+            File::open(path).map_err(|cause| ReadError::Io { path: path.to_owned(), cause })?;
         let options = LinearReaderOptions::default()
             .with_prevalidate_chunk_crcs(true)
             .with_record_length_limit(LONGEST);
@@ -167,7 +167,7 @@ impl Reader {
                 return Ok(Step::End);
             }
             let step = match self.mcap.next_event() {
-                None => return Ok(Step::End),
+                None | Some(Err(mcap::McapError::UnexpectedEof)) => return Ok(Step::End),
                 Some(Ok(LinearReadEvent::ReadRequest(least))) => {
                     let space = self.mcap.insert(least.max(BUFFER));
                     let read = self.file.read(space).map_err(io)?;
@@ -180,7 +180,6 @@ impl Reader {
                         Err(error) => Err(error.to_string()),
                     }
                 }
-                Some(Err(mcap::McapError::UnexpectedEof)) => return Ok(Step::End),
                 Some(Err(mcap::McapError::UnsupportedCompression(how))) => {
                     return Err(ReadError::Compressed { path: self.path.clone(), how });
                 }

@@ -21,7 +21,7 @@ use super::translate::Translator;
 /// How long a recorder may take to begin.
 const BEGIN: Duration = Duration::from_secs(10);
 /// How long it may take to finish its file: a large one goes to a slow disk.
-const FINISH: Duration = Duration::from_secs(60);
+const FINISH: Duration = Duration::from_mins(1);
 
 /// Why there is no recording, or not a whole one.
 #[derive(Debug, thiserror::Error)]

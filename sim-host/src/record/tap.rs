@@ -134,3 +134,66 @@ impl Tap {
         taken
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plant::{EventKind, Medium, TickEvents};
+
+    fn push(tap: &mut Tap, seq: u64) {
+        let body = Body { x_m: 0.0, vx_m_s: 0.0, y_m: 1.0, vy_m_s: 0.0 };
+        tap.push(&TickRecord {
+            seq,
+            t_s: 0.0,
+            dt_s: 1e-3,
+            body,
+            phase: Phase::Flight,
+            medium: Medium::AIR,
+            sample: &Sample::default(),
+            command: &Command::default(),
+            is_new: true,
+            events: &TickEvents::default(),
+            after: body,
+            round_trip: Duration::ZERO,
+        });
+    }
+
+    fn seqs(ring: &mut Consumer<Row>) -> Vec<u64> {
+        let mut all = Vec::new();
+        while let Ok(row) = ring.pop() {
+            match row {
+                Row::Tick(tick) => all.push(tick.seq),
+                Row::Event(event) => assert_eq!(event.kind, EventKind::Apex),
+            }
+        }
+        all
+    }
+
+    #[test]
+    fn a_full_ring_drops_and_counts() {
+        let (mut tap, mut ring, shared) = Tap::new(4, OnFull::Drop);
+        assert!(seqs(&mut ring).is_empty(), "what warmed it up is gone");
+        (0..6).for_each(|seq| push(&mut tap, seq));
+        assert_eq!((shared.dropped(), tap.dropped()), (2, 2));
+        assert_eq!(seqs(&mut ring), [0, 1, 2, 3]);
+        push(&mut tap, 6);
+        assert_eq!((seqs(&mut ring), shared.dropped()), (vec![6], 2));
+    }
+
+    #[test]
+    fn a_full_ring_is_waited_for_while_somebody_reads() {
+        let (mut tap, mut ring, shared) = Tap::new(4, OnFull::Wait);
+        let read = std::thread::scope(|scope| {
+            scope.spawn(|| (0..100).for_each(|seq| push(&mut tap, seq)));
+            let mut read = Vec::new();
+            while read.len() < 100 {
+                read.extend(seqs(&mut ring));
+            }
+            read
+        });
+        assert_eq!((read, shared.dropped()), ((0..100).collect(), 0));
+        shared.close();
+        (0..6).for_each(|seq| push(&mut tap, seq));
+        assert_eq!(shared.dropped(), 2, "nobody reads any more: nothing to wait for");
+    }
+}

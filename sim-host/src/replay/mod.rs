@@ -167,6 +167,3 @@ fn recorded_policies<'a>(
 fn recorded(answer: &Answer) -> Command {
     Command::from(&answer.command)
 }
-
-#[cfg(test)]
-mod tests;

@@ -127,7 +127,8 @@ impl Report {
             });
         }
         if let Some(row) = self.apexes.last_mut() {
-            for (fastest, command) in row.elongation_rate_m_s.iter_mut().zip([&recorded, replayed]) {
+            for (fastest, command) in row.elongation_rate_m_s.iter_mut().zip([&recorded, replayed])
+            {
                 *fastest = fastest.max(command.elongation_rate_m_s);
             }
         }
@@ -175,7 +176,11 @@ impl fmt::Display for Report {
                 if self.is_other {
                     writeln!(f, "{compared} commands compared, {different} differ")?;
                 } else {
-                    writeln!(f, "{} commands are the same, bit for bit, the next differs", compared - 1)?;
+                    writeln!(
+                        f,
+                        "{} commands are the same, bit for bit, the next differs",
+                        compared - 1
+                    )?;
                 }
                 writeln!(
                     f,

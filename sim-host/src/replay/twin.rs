@@ -15,8 +15,8 @@ use controller::policy::Policy;
 use controller::wire::{Command, Sample};
 
 use super::compare::{Difference, difference};
-use super::source::Answer;
 use super::recorded;
+use super::source::Answer;
 
 /// Controllers that all explain the recording so far.
 const MOST: usize = 16;
