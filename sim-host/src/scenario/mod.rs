@@ -58,9 +58,7 @@ impl Scenario {
     /// The shore: out of the sea onto land, from rest, the density estimated.
     #[must_use]
     pub fn shore() -> Self {
-        let settings = Settings::from_toml(include_str!("../../scenarios/shore.toml"))
-            .expect("the shore's file is part of the program, and tested");
-        Self::from_settings(&settings).expect("as above")
+        Self::from_settings(&Settings::shore()).expect("part of the program, and tested")
     }
 
     /// Time between two ticks, s.
@@ -172,6 +170,13 @@ impl Scenario {
 }
 
 impl Settings {
+    /// Those of [`Scenario::shore`].
+    #[must_use]
+    pub fn shore() -> Self {
+        Self::from_toml(include_str!("../../scenarios/shore.toml"))
+            .expect("the shore's file is part of the program, and tested")
+    }
+
     /// Reads settings from TOML text.
     ///
     /// # Errors
