@@ -243,8 +243,10 @@ pub fn run(args: &Args) -> Result<Summary, CliError> {
     if pace == Pace::RealTime {
         let mut law = Plain { controller, config };
         let options = args.real_time.options(Role::Controller, args.rate, Shared::default());
+        let (gave_up, look) = realtime::watch(&link, &stop, Some(timeout));
         let Served { ended, samples, last, report } =
-            realtime::serve(link, &mut law, Ends::AtFarewell, &options, &stop, || ());
+            realtime::serve(link, &mut law, Ends::AtFarewell, &options, &stop, look);
+        let ended = gave_up.get().cloned().map_or(ended, Err);
         return Ok(Summary {
             policy: name,
             ticks: samples,

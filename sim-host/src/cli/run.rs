@@ -7,17 +7,17 @@ use controller::control::{Config, Controller};
 use controller::host::cli::{Meeting as MeetingArgs, SAY_AFTER, other_leg};
 use controller::host::domain::DomainError;
 use controller::host::memory::Inline;
-use controller::host::shm::ConnectError;
-use controller::host::{Role, Stop};
+use controller::host::shm::{ConnectError, ShmLeg};
+use controller::host::{Role, Stop, Terms};
 
-use super::{checked_policy, misuse};
+use super::{checked_policy, misuse, real_time};
 use crate::scenario::{self, Scenario, Settings};
 use crate::session::child::ControllerCall;
 use crate::session::lock_step::{self, Options};
 use crate::session::two_processes::{self, Meeting, PlayError};
 use crate::session::{Ending, Outcome};
 
-/// Plays a scenario to a controller, in lock-step.
+/// Plays a scenario to a controller, in lock-step or in real time.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// What to play, as TOML; flags win over it.
@@ -32,13 +32,15 @@ pub(super) struct Args {
     spawn: bool,
     /// Run the controller in this process, without shared memory.
     #[arg(long)]
-    in_process: bool,
+    pub(super) in_process: bool,
     /// The policy that --spawn or --in-process runs [default: the shipped one].
     #[arg(long, value_name = "FILE")]
-    policy: Option<PathBuf>,
+    pub(super) policy: Option<PathBuf>,
     /// Print the result as one JSON object.
     #[arg(long)]
-    json: bool,
+    pub(super) json: bool,
+    #[command(flatten)]
+    pub(super) real_time: real_time::Args,
 }
 
 pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
@@ -50,6 +52,9 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
              or give the policy to the controller that you start",
         ));
     }
+    if args.real_time.is_on() {
+        return real_time::main(&scenario, args);
+    }
     let outcome = if args.in_process {
         in_process(&scenario, args.policy.as_deref())?
     } else {
@@ -59,7 +64,23 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         println!("{}", serde_json::to_string(&outcome.report())?);
     } else {
         print_summary(&outcome);
+        let us = outcome.round_trips.quantiles_us();
+        println!(
+            "{:.0} ticks/s; {} round trip p50 {:.2} us, p99 {:.2} us, p99.9 {:.2} us, max {:.1} us",
+            outcome.ticks_per_s(),
+            Role::Controller,
+            us.p50,
+            us.p99,
+            us.p99_9,
+            us.max
+        );
+        println!("state hash {:016x}", outcome.state_hash);
     }
+    Ok(verdict(&outcome))
+}
+
+/// What is to be said of a run beside its figures, and the exit status.
+pub(super) fn verdict(outcome: &Outcome) -> ExitCode {
     if outcome.all_safe() {
         eprintln!(
             "sim-host: warning: the controller never left its safe state: of {} ticks all were \
@@ -70,9 +91,16 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     }
     if outcome.ending == Ending::Fall {
         eprintln!("sim-host: the leg fell at x = {:.2} m", outcome.body.x_m);
-        return Ok(ExitCode::from(1));
+        return ExitCode::from(1);
     }
-    Ok(ExitCode::SUCCESS)
+    ExitCode::SUCCESS
+}
+
+/// How the controller of a scenario is run.
+pub(super) fn controller_config(scenario: &Scenario) -> anyhow::Result<Config> {
+    Config::at_rate(scenario.rate_hz)
+        .and_then(|config| config.with_gravity(scenario.controller_gravity_m_s2()))
+        .map_err(misuse)
 }
 
 fn in_process(scenario: &Scenario, policy: Option<&Path>) -> anyhow::Result<Outcome> {
@@ -82,15 +110,27 @@ fn in_process(scenario: &Scenario, policy: Option<&Path>) -> anyhow::Result<Outc
     if let Some(warning) = other_leg(policy.manifest(), Some(leg)) {
         eprintln!("sim-host: {warning}");
     }
-    let config = Config::at_rate(scenario.rate_hz)
-        .and_then(|config| config.with_gravity(scenario.controller_gravity_m_s2()))
-        .map_err(misuse)?;
-    let mut controller = Controller::new(policy, config);
+    let mut controller = Controller::new(policy, controller_config(scenario)?);
     let mut link = Inline::new(|sample| controller.tick(Some(sample)));
     Ok(lock_step::run(scenario, &mut link, Options::default(), |_| ())?)
 }
 
 fn over_shared_memory(scenario: &Scenario, args: &Args) -> anyhow::Result<Outcome> {
+    let stop = Stop::on_signals()?;
+    let options = Options { timeout: args.meeting.timeout, ..Options::default() };
+    meet(scenario, args, scenario.terms(), &stop, |mut link| {
+        Ok(lock_step::run(scenario, &mut link, options, |_| ())?)
+    })
+}
+
+/// Plays by `run` once a controller is there, by the options that say where.
+pub(super) fn meet<R>(
+    scenario: &Scenario,
+    args: &Args,
+    terms: Terms,
+    stop: &Stop,
+    run: impl FnOnce(ShmLeg) -> Result<R, PlayError>,
+) -> anyhow::Result<R> {
     let domain = if args.spawn && args.meeting.domain.is_none() {
         // Of its own: so that runs that start their controller never meet.
         format!("run-{}", std::process::id())
@@ -107,9 +147,9 @@ fn over_shared_memory(scenario: &Scenario, args: &Args) -> anyhow::Result<Outcom
         gravity_m_s2: scenario.controller_gravity_m_s2(),
         domain: domain.clone(),
         timeout,
+        real_time: args.real_time.of_controller(),
     });
     let quiet = start.is_some();
-    let stop = Stop::on_signals()?;
     let mut said = false;
     let tell = |missing: &controller::host::shm::Missing| {
         if !(said || quiet) && missing.waited >= SAY_AFTER {
@@ -118,19 +158,20 @@ fn over_shared_memory(scenario: &Scenario, args: &Args) -> anyhow::Result<Outcom
         }
     };
     let meeting = Meeting { domain, timeout, start };
-    two_processes::play(scenario, &meeting, &stop, tell, |_| ()).map_err(|error| match &error {
+    two_processes::play_by(terms, &meeting, stop, tell, run).map_err(|error| match &error {
         PlayError::Connect(ConnectError::Domain(DomainError::Name(_))) => misuse(error),
         PlayError::Controller(status) if status.code() == Some(2) => misuse(error),
         _ => error.into(),
     })
 }
 
-fn print_summary(outcome: &Outcome) {
+pub(super) fn print_summary(outcome: &Outcome) {
     let report = outcome.report();
     let ending = match outcome.ending {
         Ending::Duration => "time over",
         Ending::Distance => "distance reached",
         Ending::Fall => "fell",
+        Ending::Stopped => "stopped",
     };
     println!(
         "{ending} after {:.3} s ({} ticks), {:.3} m",
@@ -140,15 +181,4 @@ fn print_summary(outcome: &Outcome) {
         "hops {}, apexes {}, falls {}, ticks in the safe state {}, samples rejected {}",
         report.hops, report.apexes, report.falls, report.safe_ticks, report.rejected
     );
-    let us = report.round_trip_us;
-    println!(
-        "{:.0} ticks/s; {} round trip p50 {:.2} us, p99 {:.2} us, p99.9 {:.2} us, max {:.1} us",
-        report.ticks_per_s,
-        Role::Controller,
-        us.p50,
-        us.p99,
-        us.p99_9,
-        us.max
-    );
-    println!("state hash {}", report.state_hash);
 }

@@ -86,6 +86,7 @@ fn meeting(args: &Args, scenario: &Scenario) -> Meeting {
         gravity_m_s2: scenario.controller_gravity_m_s2(),
         domain: domain.clone(),
         timeout: TIMEOUT,
+        real_time: Vec::new(),
     };
     Meeting { domain, timeout: TIMEOUT, start: Some(call) }
 }

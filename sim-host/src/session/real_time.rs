@@ -62,34 +62,30 @@ pub struct Played {
     pub report: LoopReport,
 }
 
-/// What is called in the course of a session.
-pub struct Hooks<V, S, O> {
-    /// Every 10 ms, beside the loop: the place for what may take its time.
-    pub supervise: V,
-    /// By the loop, before each tick: what is ordered of the leg by hand.
-    pub steer: S,
-    /// By the loop, at each tick of the plant. Neither this nor `steer` may
-    /// allocate, log, or wait.
-    pub observe: O,
+/// What the loop calls in the course of a session. Nothing here may allocate,
+/// log, or wait. `()` does nothing.
+pub trait Hooks {
+    /// Before each tick: what is ordered of the leg by hand.
+    fn steer(&mut self, _leg: &mut Leg<'_>) {}
+    /// At each tick of the plant.
+    fn observe(&mut self, _tick: &TickRecord<'_>) {}
 }
 
+impl Hooks for () {}
+
 /// Plays `scenario` in real time, on this thread, to the controller at the other
-/// end of `link`.
-pub fn run<V, S, O>(
+/// end of `link`. `supervise` is called every 10 ms, beside the loop: the place
+/// for what may take its time.
+pub fn run(
     scenario: &Scenario,
     link: &mut impl LegLink,
     options: Options,
     loop_options: &LoopOptions,
     stop: &Stop,
-    hooks: Hooks<V, S, O>,
-) -> Played
-where
-    V: FnMut() + Send,
-    S: FnMut(&mut Leg<'_>),
-    O: FnMut(&TickRecord),
-{
-    let Hooks { supervise, steer, observe } = hooks;
-    let mut task = LegTask::new(scenario, link, options, steer, observe);
+    supervise: impl FnMut() + Send,
+    hooks: &mut impl Hooks,
+) -> Played {
+    let mut task = LegTask::new(scenario, link, options, hooks);
     let begun = Instant::now();
     let (ended, tally) = run_loop(loop_options, &mut task, stop, supervise);
     let wall_time_s = begun.elapsed().as_secs_f64();

@@ -70,7 +70,8 @@ impl RealTimeArgs {
         if !self.real_time {
             return Vec::new();
         }
-        let mut arguments = vec!["--real-time".into(), "--spin".into(), self.spin.to_string().into()];
+        let mut arguments =
+            vec!["--real-time".into(), "--spin".into(), self.spin.to_string().into()];
         if let Some(priority) = self.rt_priority {
             arguments.extend(["--rt-priority".into(), priority.to_string().into()]);
         }

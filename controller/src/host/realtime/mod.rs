@@ -35,6 +35,7 @@ mod report;
 mod row;
 pub mod serve;
 mod tally;
+mod watch;
 
 pub use clerk::{Clerk, Shared};
 pub use clock::{Clock, Monotonic};
@@ -47,3 +48,4 @@ pub use report::{Bar, LoopReport, QuantilesUs};
 pub use row::{Counters, Row, Word};
 pub use serve::{Served, serve};
 pub use tally::Tally;
+pub use watch::{GaveUp, watch};

@@ -6,7 +6,7 @@ use controller::host::realtime::{Clock, Done, Task, Tick, Word};
 use controller::host::{LegLink, LinkError};
 use controller::wire::{Command, Header, flags};
 
-use super::{HOLD, OnFall, Options};
+use super::{HOLD, Hooks, OnFall, Options};
 use crate::scenario::Scenario;
 use crate::session::leg::{Leg, TickRecord};
 use crate::session::outcome::Ending;
@@ -20,13 +20,12 @@ const REMEMBERED: usize = 32;
 
 /// The leg's part of the loop.
 #[derive(Debug)]
-pub struct LegTask<'a, 'l, L, S, O> {
+pub struct LegTask<'a, 'l, L, H> {
     leg: Leg<'a>,
     link: &'l mut L,
     on_fall: OnFall,
     epoch: u32,
-    steer: S,
-    observe: O,
+    hooks: &'l mut H,
     sent: Sent,
     hold: Hold,
     /// The last command received.
@@ -36,14 +35,13 @@ pub struct LegTask<'a, 'l, L, S, O> {
     ending: Option<Ending>,
 }
 
-impl<'a, 'l, L: LegLink, S: FnMut(&mut Leg<'_>), O: FnMut(&TickRecord)> LegTask<'a, 'l, L, S, O> {
+impl<'a, 'l, L: LegLink, H: Hooks> LegTask<'a, 'l, L, H> {
     /// A leg at its start, that has not said anything yet.
     pub fn new(
         scenario: &'a Scenario,
         link: &'l mut L,
         options: Options,
-        steer: S,
-        observe: O,
+        hooks: &'l mut H,
     ) -> Self {
         let Options { epoch, on_fall } = options;
         Self {
@@ -51,8 +49,7 @@ impl<'a, 'l, L: LegLink, S: FnMut(&mut Leg<'_>), O: FnMut(&TickRecord)> LegTask<
             link,
             on_fall,
             epoch,
-            steer,
-            observe,
+            hooks,
             sent: Sent::default(),
             hold: Hold::new(scenario.rate_hz),
             last: None,
@@ -100,14 +97,14 @@ impl<'a, 'l, L: LegLink, S: FnMut(&mut Leg<'_>), O: FnMut(&TickRecord)> LegTask<
             if self.leg.ending().is_some() {
                 break;
             }
-            let (in_force, observe) = (&mut self.in_force, &mut self.observe);
+            let (in_force, hooks) = (&mut self.in_force, &mut *self.hooks);
             self.leg.step(command.take(), round_trip, &mut |record: &TickRecord| {
                 is_safe = record.command.header.flags & flags::SAFE != 0;
                 if record.is_new {
                     is_new = true;
                     *in_force = Some(record.command.header);
                 }
-                observe(record);
+                hooks.observe(record);
             });
         }
         Done {
@@ -121,11 +118,11 @@ impl<'a, 'l, L: LegLink, S: FnMut(&mut Leg<'_>), O: FnMut(&TickRecord)> LegTask<
     }
 }
 
-impl<L: LegLink, S: FnMut(&mut Leg<'_>), O: FnMut(&TickRecord)> Task for LegTask<'_, '_, L, S, O> {
+impl<L: LegLink, H: Hooks> Task for LegTask<'_, '_, L, H> {
     type Error = LinkError;
 
     fn tick(&mut self, at: &Tick, clock: &impl Clock) -> Result<Done, LinkError> {
-        (self.steer)(&mut self.leg);
+        self.hooks.steer(&mut self.leg);
         let command = self.newest()?;
         let was_held = self.hold.is_held();
         let is_answered = command.is_some_and(|command| self.leg.is_answered_by(&command));
