@@ -2,6 +2,7 @@
 
 mod bridge;
 mod place;
+mod real_time;
 
 use std::fs;
 use std::time::Duration;

@@ -47,8 +47,8 @@ impl Clock for Monotonic {
     fn wait_until_ns(&self, instant_ns: u64) {
         let wake_ns = instant_ns.saturating_sub(self.spin_ns);
         let wake = Timespec {
-            tv_sec: (wake_ns / 1_000_000_000) as i64,
-            tv_nsec: (wake_ns % 1_000_000_000) as _,
+            tv_sec: (wake_ns / 1_000_000_000).cast_signed(),
+            tv_nsec: (wake_ns % 1_000_000_000).cast_signed(),
         };
         // Again after a signal: the instant is absolute. (An instant in the past
         // returns at once.) Another error cannot be; the spin would bridge it.
@@ -66,7 +66,7 @@ impl Clock for Monotonic {
 }
 
 fn ns(time: Timespec) -> u64 {
-    time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
+    time.tv_sec.cast_unsigned() * 1_000_000_000 + time.tv_nsec.cast_unsigned()
 }
 
 #[cfg(test)]

@@ -88,7 +88,7 @@ fn lock_memory() -> rustix::io::Result<()> {
 }
 
 fn set_fifo(priority: u8) -> Result<(), String> {
-    let value = ThreadPriorityValue::try_from(priority).map_err(|cause| cause.to_string())?;
+    let value = ThreadPriorityValue::try_from(priority)?;
     set_thread_priority_and_policy(
         thread_native_id(),
         ThreadPriority::Crossplatform(value),
