@@ -9,9 +9,11 @@ use controller::host::realtime::cli::{RealTimeArgs, parse_cpu};
 use controller::host::realtime::{self, Ends, LoopReport, Plain, Shared};
 use controller::host::{LegLink, Pace, Role, Stop, memory};
 
+use super::recording::Recording;
 use super::{checked_policy, misuse, run};
 use crate::scenario::Scenario;
-use crate::session::real_time::{self, OnFall, Options, Played};
+use crate::session::TickRecord;
+use crate::session::real_time::{self, Hooks, OnFall, Options, Played};
 
 /// How to play in real time.
 #[derive(Debug, clap::Args)]
@@ -31,8 +33,8 @@ pub(super) struct Args {
 }
 
 impl Args {
-    pub(super) fn is_on(&self) -> bool {
-        self.clock.real_time
+    pub(super) fn pace(&self) -> Pace {
+        if self.clock.real_time { Pace::RealTime } else { Pace::LockStep }
     }
 
     /// What a controller is to be started with.
@@ -47,26 +49,38 @@ impl Args {
         link: &mut impl LegLink,
         stop: &Stop,
         supervise: impl FnMut() + Send,
+        recording: &mut Recording,
     ) -> Played {
         let loop_options = self.clock.options(Role::Leg, scenario.rate_hz, Shared::default());
         let options = Options { on_fall: self.on_fall, ..Options::default() };
-        real_time::run(scenario, link, options, &loop_options, stop, supervise, &mut ())
+        real_time::run(scenario, link, options, &loop_options, stop, supervise, recording)
     }
 }
 
-pub(super) fn main(scenario: &Scenario, args: &run::Args) -> anyhow::Result<ExitCode> {
+impl Hooks for Recording {
+    fn observe(&mut self, tick: &TickRecord<'_>) {
+        self.push(tick);
+    }
+}
+
+pub(super) fn main(
+    scenario: &Scenario,
+    args: &run::Args,
+    mut recording: Recording,
+) -> anyhow::Result<ExitCode> {
     let stop = Stop::on_signals()?;
-    let (played, controller) = if args.in_process {
-        let (played, controller) = in_process(scenario, args, &stop)?;
-        (played, Some(controller))
+    let played = if args.in_process {
+        in_process(scenario, args, &stop, &mut recording)
     } else {
         let terms = scenario.terms().with_pace(Pace::RealTime);
-        let played = run::meet(scenario, args, terms, &stop, |mut link| {
+        run::meet(scenario, args, terms, &stop, &mut recording, |mut link, recording| {
             let (_, look) = realtime::watch(&link, &stop, None);
-            Ok(args.real_time.play(scenario, &mut link, &stop, look))
-        })?;
-        (played, None)
+            Ok(args.real_time.play(scenario, &mut link, &stop, look, recording))
+        })
+        .map(|played| (played, None))
     };
+    let recorded = recording.finish(played.as_ref().map(|(played, _)| &played.outcome));
+    let (played, controller) = played?;
     let Played { ended, outcome, report } = played;
     if args.json {
         let mut json = serde_json::to_value(outcome.report())?;
@@ -83,6 +97,7 @@ pub(super) fn main(scenario: &Scenario, args: &run::Args) -> anyhow::Result<Exit
     }
     let status = run::verdict(&outcome);
     ended?;
+    recorded?;
     Ok(status)
 }
 
@@ -91,13 +106,15 @@ fn in_process(
     scenario: &Scenario,
     args: &run::Args,
     stop: &Stop,
-) -> anyhow::Result<(Played, LoopReport)> {
+    recording: &mut Recording,
+) -> anyhow::Result<(Played, Option<LoopReport>)> {
     let blob = checked_policy(args.policy.as_deref())?;
     let policy = blob.policy().map_err(misuse)?;
     let leg = scenario.leg_model().fingerprint();
     if let Some(warning) = other_leg(policy.manifest(), Some(leg)) {
         eprintln!("sim-host: {warning}");
     }
+    recording.policy(blob.as_slice(), &policy);
     let config = run::controller_config(scenario)?;
     let Args { clock, controller_cpu, .. } = &args.real_time;
     let beside = RealTimeArgs { cpu: *controller_cpu, live: false, ..clock.clone() };
@@ -108,10 +125,10 @@ fn in_process(
             let mut law = Plain { controller: Controller::new(policy, config), config };
             realtime::serve(controllers_end, &mut law, Ends::AtFarewell, &options, stop, || ())
         });
-        let played = args.real_time.play(scenario, &mut link, stop, || ());
+        let played = args.real_time.play(scenario, &mut link, stop, || (), recording);
         // Also when the run broke off: the controller sees that its leg has left.
         drop(link);
         (played, serving.join().expect("a controller that does not panic"))
     });
-    Ok((played, served.report))
+    Ok((played, Some(served.report)))
 }

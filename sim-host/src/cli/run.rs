@@ -8,14 +8,15 @@ use controller::host::cli::{Meeting as MeetingArgs, SAY_AFTER, other_leg};
 use controller::host::domain::DomainError;
 use controller::host::memory::Inline;
 use controller::host::shm::{ConnectError, ShmLeg};
-use controller::host::{Role, Stop, Terms};
+use controller::host::{Pace, Role, Stop, Terms};
 
+use super::recording::Recording;
 use super::{checked_policy, misuse, real_time};
 use crate::scenario::{self, Scenario, Settings};
 use crate::session::child::ControllerCall;
 use crate::session::lock_step::{self, Options};
 use crate::session::two_processes::{self, Meeting, PlayError};
-use crate::session::{Ending, Outcome};
+use crate::session::{Ending, Outcome, TickRecord};
 
 /// Plays a scenario to a controller, in lock-step or in real time.
 #[derive(Debug, clap::Args)]
@@ -36,6 +37,9 @@ pub(super) struct Args {
     /// The policy that --spawn or --in-process runs [default: the shipped one].
     #[arg(long, value_name = "FILE")]
     pub(super) policy: Option<PathBuf>,
+    /// Record every tick to an MCAP file, for `replay`, `plot` and other programs.
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
     /// Print the result as one JSON object.
     #[arg(long)]
     pub(super) json: bool,
@@ -44,22 +48,27 @@ pub(super) struct Args {
 }
 
 pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
-    let scenario =
-        scenario::load(args.scenario.as_deref(), args.settings.clone()).map_err(misuse)?;
+    let (scenario, settings) =
+        scenario::load_with_settings(args.scenario.as_deref(), args.settings.clone())
+            .map_err(misuse)?;
     if args.policy.is_some() && !args.spawn && !args.in_process {
         return Err(misuse(
             "--policy is for a controller that this program runs: add --spawn or --in-process, \
              or give the policy to the controller that you start",
         ));
     }
-    if args.real_time.is_on() {
-        return real_time::main(&scenario, args);
+    let record = args.record.as_deref();
+    let mut recording = Recording::begin(record, &settings, &scenario, args.real_time.pace())?;
+    if args.real_time.pace() == Pace::RealTime {
+        return real_time::main(&scenario, args, recording);
     }
     let outcome = if args.in_process {
-        in_process(&scenario, args.policy.as_deref())?
+        in_process(&scenario, args.policy.as_deref(), &mut recording)
     } else {
-        over_shared_memory(&scenario, args)?
+        over_shared_memory(&scenario, args, &mut recording)
     };
+    let recorded = recording.finish(outcome.as_ref());
+    let outcome = outcome?;
     if args.json {
         println!("{}", serde_json::to_string(&outcome.report())?);
     } else {
@@ -76,7 +85,9 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         );
         println!("state hash {:016x}", outcome.state_hash);
     }
-    Ok(verdict(&outcome))
+    let status = verdict(&outcome);
+    recorded?;
+    Ok(status)
 }
 
 /// What is to be said of a run beside its figures, and the exit status.
@@ -103,23 +114,33 @@ pub(super) fn controller_config(scenario: &Scenario) -> anyhow::Result<Config> {
         .map_err(misuse)
 }
 
-fn in_process(scenario: &Scenario, policy: Option<&Path>) -> anyhow::Result<Outcome> {
+fn in_process(
+    scenario: &Scenario,
+    policy: Option<&Path>,
+    recording: &mut Recording,
+) -> anyhow::Result<Outcome> {
     let blob = checked_policy(policy)?;
     let policy = blob.policy().map_err(misuse)?;
     let leg = scenario.leg_model().fingerprint();
     if let Some(warning) = other_leg(policy.manifest(), Some(leg)) {
         eprintln!("sim-host: {warning}");
     }
+    recording.policy(blob.as_slice(), &policy);
     let mut controller = Controller::new(policy, controller_config(scenario)?);
     let mut link = Inline::new(|sample| controller.tick(Some(sample)));
-    Ok(lock_step::run(scenario, &mut link, Options::default(), |_| ())?)
+    Ok(lock_step::run(scenario, &mut link, Options::default(), |tick| recording.push(tick))?)
 }
 
-fn over_shared_memory(scenario: &Scenario, args: &Args) -> anyhow::Result<Outcome> {
+fn over_shared_memory(
+    scenario: &Scenario,
+    args: &Args,
+    recording: &mut Recording,
+) -> anyhow::Result<Outcome> {
     let stop = Stop::on_signals()?;
     let options = Options { timeout: args.meeting.timeout, ..Options::default() };
-    meet(scenario, args, scenario.terms(), &stop, |mut link| {
-        Ok(lock_step::run(scenario, &mut link, options, |_| ())?)
+    meet(scenario, args, scenario.terms(), &stop, recording, |mut link, recording| {
+        let observe = |tick: &TickRecord| recording.push(tick);
+        Ok(lock_step::run(scenario, &mut link, options, observe)?)
     })
 }
 
@@ -129,7 +150,8 @@ pub(super) fn meet<R>(
     args: &Args,
     terms: Terms,
     stop: &Stop,
-    run: impl FnOnce(ShmLeg) -> Result<R, PlayError>,
+    recording: &mut Recording,
+    run: impl FnOnce(ShmLeg, &mut Recording) -> Result<R, PlayError>,
 ) -> anyhow::Result<R> {
     let domain = if args.spawn && args.meeting.domain.is_none() {
         // Of its own: so that runs that start their controller never meet.
@@ -157,7 +179,9 @@ pub(super) fn meet<R>(
             eprintln!("sim-host: {missing}; still waiting");
         }
     };
+    recording.ask_for_policies(&domain);
     let meeting = Meeting { domain, timeout, start };
+    let run = |link| run(link, recording);
     two_processes::play_by(terms, &meeting, stop, tell, run).map_err(|error| match &error {
         PlayError::Connect(ConnectError::Domain(DomainError::Name(_))) => misuse(error),
         PlayError::Controller(status) if status.code() == Some(2) => misuse(error),
@@ -165,6 +189,7 @@ pub(super) fn meet<R>(
     })
 }
 
+/// How the leg fared.
 pub(super) fn print_summary(outcome: &Outcome) {
     let report = outcome.report();
     let ending = match outcome.ending {

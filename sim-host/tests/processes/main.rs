@@ -3,6 +3,7 @@
 mod bridge;
 mod place;
 mod real_time;
+mod record;
 
 use std::fs;
 use std::time::Duration;
