@@ -24,8 +24,8 @@ pub struct RealTimeArgs {
     /// until the other side is heard again.
     #[arg(long)]
     pub real_time: bool,
-    /// Run the loop under `SCHED_FIFO` at this priority, 1 to 99; without leave of
-    /// the system it runs without, and says so.
+    /// Real-time priority of the loop, 1 to 99 (scheduling policy FIFO); without
+    /// leave of the system it runs without, and says so.
     #[arg(
         long, value_name = "N", requires = "real_time", allow_negative_numbers = true,
         value_parser = clap::value_parser!(u8).range(*PRIORITIES.start() as i64..=*PRIORITIES.end() as i64)

@@ -49,3 +49,6 @@ pub use row::{Counters, Row, Word};
 pub use serve::{Served, serve};
 pub use tally::Tally;
 pub use watch::{GaveUp, watch};
+
+#[cfg(test)]
+mod tests;
