@@ -5,6 +5,7 @@ pub mod bridge;
 pub mod cli;
 pub mod output;
 pub mod plant;
+pub mod plot;
 pub mod record;
 pub mod replay;
 pub mod scenario;

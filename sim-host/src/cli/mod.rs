@@ -7,6 +7,7 @@
 mod apex;
 mod bench;
 mod bridge;
+mod plot;
 mod recording;
 mod replay;
 mod run;
@@ -40,6 +41,8 @@ enum Command {
     Bridge(Box<bridge::Args>),
     /// Replay a recording: are the commands those of its controller, bit for bit?
     Replay(replay::Args),
+    /// Draw a recording as an SVG picture.
+    Plot(plot::Args),
     /// Write a recording: what `run --record` starts.
     #[command(hide = true)]
     Recorder {
@@ -65,6 +68,7 @@ pub fn main() -> ExitCode {
         Some(Command::Run(args)) => run::main(&args),
         Some(Command::Bridge(args)) => bridge::main(&args),
         Some(Command::Replay(args)) => replay::main(&args),
+        Some(Command::Plot(args)) => plot::main(&args),
         Some(Command::Recorder { path }) => return crate::record::recorder(&path),
         Some(Command::Apex(args)) => apex::main(&args),
         Some(Command::Bench { what }) => bench::main(&what),
