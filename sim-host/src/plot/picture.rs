@@ -10,10 +10,9 @@ use crate::shore::picture::{
     Area, DrawError, FAINT, FONT, INK, LIFTOFF, Panel, TOUCHDOWN, UNITS_PER_PX, WATER, px, steps,
 };
 
-const SIZE: (u32, u32) = (px(1_400), px(1_020));
+const SIZE: (u32, u32) = (px(1_400), px(1_110));
 const MARGIN: u32 = px(12);
 const LEFT: u32 = px(62);
-const RIGHT: u32 = px(54);
 const SAFE: RGBColor = RGBColor(232, 178, 40);
 const GAP: RGBColor = RGBColor(120, 120, 120);
 /// Touchdowns and lift-offs are marked one by one up to so many.
@@ -32,11 +31,13 @@ pub fn draw(course: &Course) -> Result<String, DrawError> {
         let root = root.titled(&course.title, (FONT, px(19)).into_font().color(&INK))?;
         let (height, rest) = root.split_vertically(px(280));
         let (velocity, rest) = rest.split_vertically(px(240));
-        let (density, commands) = rest.split_vertically(px(190));
+        let (density, rest) = rest.split_vertically(px(190));
+        let (leg_angle, elongation) = rest.split_vertically(px(190));
         draw_height(&height, course)?;
         draw_velocity(&velocity, course)?;
         draw_density(&density, course)?;
-        draw_commands(&commands, course)?;
+        draw_leg_angle(&leg_angle, course)?;
+        draw_elongation(&elongation, course)?;
         root.present()?;
     }
     let [width, height] = [SIZE.0, SIZE.1].map(|units| units / UNITS_PER_PX);
@@ -63,9 +64,9 @@ fn panel<'c, 'a>(
     let mut panel = ChartBuilder::on(area)
         .caption(title, (FONT, px(15)).into_font().color(&INK))
         .margin_top(px(4))
+        .margin_right(px(16))
         .x_label_area_size(px(34))
         .y_label_area_size(LEFT)
-        .right_y_label_area_size(RIGHT)
         .build_cartesian_2d(course.span(), y.clone())?;
     // Behind all else: what is not as usual.
     let stretches = |of: &[Range<f64>], style: ShapeStyle| {
@@ -149,25 +150,25 @@ fn draw_density(area: &Area<'_>, course: &Course) -> Result<(), DrawError> {
     Ok(())
 }
 
-fn draw_commands(area: &Area<'_>, course: &Course) -> Result<(), DrawError> {
-    let title = "Commands: leg angle from upright, foot ahead above 0 (left), elongation of the spring (green, right)";
-    let angle = around(&[&course.leg_angle], -10.0..10.0);
-    let panel = panel(area, course, title, "leg angle, deg", angle)?;
-    let elongation = around(&[&course.elongation], 0.0..10.0);
-    let mut panel = panel.set_secondary_coord(course.span(), elongation);
-    let area = steps(course.elongation.iter().copied());
-    panel.draw_secondary_series(
-        AreaSeries::new(area, 0.0, LIFTOFF.mix(0.25)).border_style(LIFTOFF.stroke_width(px(1))),
-    )?;
-    panel
-        .configure_secondary_axes()
-        .axis_style(INK.mix(0.5))
-        .label_style((FONT, px(13)).into_font().color(&INK))
-        .y_labels(4)
-        .y_desc("elongation, cm")
-        .draw()?;
+fn draw_leg_angle(area: &Area<'_>, course: &Course) -> Result<(), DrawError> {
+    let title =
+        "Commanded leg angle from upright, foot ahead above 0; in stance the leg turns freely";
+    let range = around(&[&course.leg_angle], -10.0..10.0);
+    let mut panel = panel(area, course, title, "leg angle, deg", range)?;
     let angle = steps(course.leg_angle.iter().copied());
     panel.draw_series(LineSeries::new(angle, INK.stroke_width(px(1))))?;
+    Ok(())
+}
+
+fn draw_elongation(area: &Area<'_>, course: &Course) -> Result<(), DrawError> {
+    let range = around(&[&course.elongation], 0.0..10.0);
+    let title = "Commanded elongation of the spring";
+    let mut panel = panel(area, course, title, "elongation, cm", range)?;
+    let elongation = course.elongation.iter().copied();
+    panel.draw_series(
+        AreaSeries::new(elongation, 0.0, LIFTOFF.mix(0.25))
+            .border_style(LIFTOFF.stroke_width(px(1))),
+    )?;
     Ok(())
 }
 
@@ -205,6 +206,6 @@ mod tests {
         assert!(svg.contains("some.mcap") && svg.contains("elongation, cm"));
         // A safe stretch is shaded in each panel.
         let plain = draw(&Course { safe: Vec::new(), ..course }).unwrap();
-        assert_eq!(svg.matches("<rect").count(), plain.matches("<rect").count() + 4);
+        assert_eq!(svg.matches("<rect").count(), plain.matches("<rect").count() + 5);
     }
 }
