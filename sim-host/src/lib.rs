@@ -3,6 +3,7 @@
 pub mod bench;
 pub mod bridge;
 pub mod cli;
+pub mod operate;
 pub mod output;
 pub mod plant;
 pub mod plot;
@@ -11,3 +12,4 @@ pub mod replay;
 pub mod scenario;
 pub mod session;
 pub mod shore;
+pub mod watch;

@@ -12,6 +12,7 @@ mod recording;
 mod replay;
 mod run;
 mod shore;
+mod watch;
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -39,6 +40,8 @@ enum Command {
     Controller(controller::host::cli::Call),
     /// Be the controller by way of a flashed one, on a serial line.
     Bridge(Box<bridge::Args>),
+    /// Watch a running leg in the terminal, and operate it.
+    Watch(watch::Args),
     /// Replay a recording: are the commands those of its controller, bit for bit?
     Replay(replay::Args),
     /// Draw a recording as an SVG picture.
@@ -67,6 +70,7 @@ pub fn main() -> ExitCode {
         None => shore::main(&program.shore),
         Some(Command::Run(args)) => run::main(&args),
         Some(Command::Bridge(args)) => bridge::main(&args),
+        Some(Command::Watch(args)) => watch::main(&args),
         Some(Command::Replay(args)) => replay::main(&args),
         Some(Command::Plot(args)) => plot::main(&args),
         Some(Command::Recorder { path }) => return crate::record::recorder(&path),
