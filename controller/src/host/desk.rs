@@ -27,7 +27,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::card::Role;
-use super::domain::{Domain, DomainError};
+use super::domain::{Domain, DomainError, apart_from, other_users};
 use super::socket::{SocketError, SocketFile};
 
 /// Longest request and longest answer, bytes: a policy of 1 MiB in text, and some.
@@ -49,7 +49,8 @@ pub enum AskError {
     Domain(#[from] DomainError),
     /// Nobody plays that role there.
     #[error(
-        "no {role} is running in domain `{domain}`; start one with `{} --domain {domain}`, or name another --domain",
+        "no {role} is running in domain `{domain}`{}; start one with `{} --domain {domain}`, or name another --domain",
+        apart_from(other_users),
         role.start_hint()
     )]
     Nobody {
@@ -57,6 +58,8 @@ pub enum AskError {
         role: Role,
         /// Where.
         domain: String,
+        /// Other users with domains in the same place.
+        other_users: Vec<u32>,
     },
     /// It did not answer in time.
     #[error("the {role} in domain `{domain}` has not answered for {:.1} s; is it stopped?", waited.as_secs_f64())]
@@ -257,7 +260,7 @@ fn ask_at<Q: Serialize, R: DeserializeOwned>(
     };
     let answer = exchange().map_err(|cause| match cause.kind() {
         ErrorKind::NotFound | ErrorKind::ConnectionRefused => {
-            AskError::Nobody { role, domain: domain.clone() }
+            AskError::Nobody { role, domain: domain.clone(), other_users: other_users() }
         }
         ErrorKind::TimedOut | ErrorKind::WouldBlock => {
             AskError::Silent { role, domain: domain.clone(), waited: timeout }

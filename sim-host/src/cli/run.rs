@@ -7,6 +7,7 @@ use controller::control::{Config, Controller};
 use controller::host::cli::{Meeting as MeetingArgs, SAY_AFTER, other_leg};
 use controller::host::domain::DomainError;
 use controller::host::memory::Inline;
+use controller::host::patient::Notice;
 use controller::host::shm::ConnectError;
 use controller::host::{Role, Stop};
 
@@ -14,7 +15,7 @@ use super::{checked_policy, misuse};
 use crate::scenario::{self, Scenario, Settings};
 use crate::session::child::ControllerCall;
 use crate::session::lock_step::{self, Options};
-use crate::session::two_processes::{self, Meeting, PlayError};
+use crate::session::two_processes::{self, Meeting, News, PlayError};
 use crate::session::{Ending, Outcome};
 
 /// Plays a scenario to a controller, in lock-step.
@@ -100,7 +101,7 @@ fn over_shared_memory(scenario: &Scenario, args: &Args) -> anyhow::Result<Outcom
     if args.spawn {
         checked_policy(args.policy.as_deref())?;
     }
-    let timeout = args.meeting.timeout;
+    let timeout = args.meeting.timeout();
     let start = args.spawn.then(|| ControllerCall {
         policy: args.policy.clone(),
         rate_hz: scenario.rate_hz,
@@ -111,11 +112,15 @@ fn over_shared_memory(scenario: &Scenario, args: &Args) -> anyhow::Result<Outcom
     let quiet = start.is_some();
     let stop = Stop::on_signals()?;
     let mut said = false;
-    let tell = |missing: &controller::host::shm::Missing| {
-        if !(said || quiet) && missing.waited >= SAY_AFTER {
+    let tell = |news: News<'_>| match news {
+        News::Missing(missing) if !(said || quiet) && missing.waited >= SAY_AFTER => {
             said = true;
             eprintln!("sim-host: {missing}; still waiting");
         }
+        // One that was started here is not waited for: its loss is the end, and said there.
+        News::Missing(_) | News::Notice(Notice::Lost { .. }) if quiet => (),
+        News::Missing(_) => (),
+        News::Notice(notice) => eprintln!("sim-host: {notice}"),
     };
     let meeting = Meeting { domain, timeout, start };
     two_processes::play(scenario, &meeting, &stop, tell, |_| ()).map_err(|error| match &error {

@@ -2,9 +2,10 @@
 
 use std::io;
 use std::process::ExitStatus;
-use std::time::Duration;
+use std::time::{Duration, UNIX_EPOCH};
 
 use controller::host::domain::DomainError;
+use controller::host::patient::{Notice, Patient};
 use controller::host::shm::{ConnectError, Missing, ShmLeg};
 use controller::host::{Domain, Stop};
 
@@ -49,8 +50,30 @@ impl From<DomainError> for PlayError {
     }
 }
 
-/// Plays `scenario` over shared memory. `tell` hears every few milliseconds
-/// that the controller is still missing; `observe` sees every tick.
+/// What is worth a word, or may be.
+#[derive(Clone, Copy, Debug)]
+pub enum News<'a> {
+    /// Every few milliseconds: the first controller is still missing.
+    Missing(&'a Missing),
+    /// Something happened to the controller in the middle of the run.
+    Notice(&'a Notice),
+}
+
+/// A number for a run that begins now: later ones have higher numbers, whoever
+/// plays them, so that a controller that stays takes none for the past. It
+/// counts hundredths of a second and wraps after 497 days; half of these count
+/// as the future.
+#[must_use]
+pub fn epoch_now() -> u32 {
+    (UNIX_EPOCH.elapsed().unwrap_or_default().as_millis() / 10) as u32
+}
+
+/// Plays `scenario` over shared memory, in lock-step. `tell` hears the news;
+/// `observe` sees every tick.
+///
+/// A controller that is lost in the middle of the run is waited for, as long as
+/// the first one: the next that comes is asked the same tick again. (Not so if
+/// it was started here.)
 ///
 /// Whatever happens, a controller started here has ended and is reaped when
 /// this returns, and nothing is left in shared memory.
@@ -61,7 +84,7 @@ pub fn play(
     scenario: &Scenario,
     meeting: &Meeting,
     stop: &Stop,
-    mut tell: impl FnMut(&Missing),
+    mut tell: impl FnMut(News<'_>),
     observe: impl FnMut(&TickRecord),
 ) -> Result<Outcome, PlayError> {
     // Before the child and dropped after it, so that the last to leave is this process,
@@ -72,14 +95,20 @@ pub fn play(
 
     let terms = scenario.terms();
     let link = ShmLeg::connect_watching(&domain, terms, meeting.timeout, stop, |missing| {
-        tell(missing);
+        tell(News::Missing(missing));
         child.as_mut().is_none_or(|child| child.ended().is_none())
     });
-    let mut link = match (link, child.as_mut().and_then(ControllerChild::ended)) {
+    let link = match (link, child.as_mut().and_then(ControllerChild::ended)) {
         (Err(_), Some(status)) => return Err(PlayError::Controller(status)),
         (link, _) => link?,
     };
-    let options = Options { timeout: meeting.timeout, ..Options::default() };
+    let options = Options { timeout: meeting.timeout, epoch: epoch_now() };
+    let mut link = Patient::new(
+        link,
+        meeting.timeout,
+        |notice: &Notice| tell(News::Notice(notice)),
+        |_: &Missing| child.as_mut().is_none_or(|child| child.ended().is_none()),
+    );
     let outcome = lock_step::run(scenario, &mut link, options, observe)?;
     drop(link);
     match child.map(ControllerChild::finish) {
