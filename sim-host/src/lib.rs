@@ -5,6 +5,8 @@ pub mod bridge;
 pub mod cli;
 pub mod output;
 pub mod plant;
+pub mod record;
+pub mod replay;
 pub mod scenario;
 pub mod session;
 pub mod shore;

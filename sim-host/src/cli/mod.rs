@@ -7,11 +7,13 @@
 mod apex;
 mod bench;
 mod bridge;
+mod recording;
+mod replay;
 mod run;
 mod shore;
 
 use std::fmt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -36,6 +38,14 @@ enum Command {
     Controller(controller::host::cli::Call),
     /// Be the controller by way of a flashed one, on a serial line.
     Bridge(Box<bridge::Args>),
+    /// Replay a recording: are the commands those of its controller, bit for bit?
+    Replay(replay::Args),
+    /// Write a recording: what `run --record` starts.
+    #[command(hide = true)]
+    Recorder {
+        /// The file.
+        path: PathBuf,
+    },
     /// Measure what a tick costs on this machine.
     Bench {
         /// What.
@@ -54,6 +64,8 @@ pub fn main() -> ExitCode {
         None => shore::main(&program.shore),
         Some(Command::Run(args)) => run::main(&args),
         Some(Command::Bridge(args)) => bridge::main(&args),
+        Some(Command::Replay(args)) => replay::main(&args),
+        Some(Command::Recorder { path }) => return crate::record::recorder(&path),
         Some(Command::Apex(args)) => apex::main(&args),
         Some(Command::Bench { what }) => bench::main(&what),
         Some(Command::Controller(args)) => return controller::host::cli::main(&args),

@@ -9,14 +9,15 @@ use controller::host::domain::DomainError;
 use controller::host::memory::Inline;
 use controller::host::patient::Notice;
 use controller::host::shm::ConnectError;
-use controller::host::{Role, Stop};
+use controller::host::{Pace, Role, Stop};
 
+use super::recording::Recording;
 use super::{checked_policy, misuse};
 use crate::scenario::{self, Scenario, Settings};
 use crate::session::child::ControllerCall;
 use crate::session::lock_step::{self, Options};
-use crate::session::two_processes::{self, Meeting, News, PlayError};
-use crate::session::{Ending, Outcome};
+use crate::session::two_processes::{self, Meeting, News, PlayError, epoch_now};
+use crate::session::{Ending, Outcome, TickRecord};
 
 /// Plays a scenario to a controller, in lock-step.
 #[derive(Debug, clap::Args)]
@@ -37,25 +38,33 @@ pub(super) struct Args {
     /// The policy that --spawn or --in-process runs [default: the shipped one].
     #[arg(long, value_name = "FILE")]
     policy: Option<PathBuf>,
+    /// Record every tick to an MCAP file, for `replay`, `plot` and other programs.
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
     /// Print the result as one JSON object.
     #[arg(long)]
     json: bool,
 }
 
 pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
-    let scenario =
-        scenario::load(args.scenario.as_deref(), args.settings.clone()).map_err(misuse)?;
+    let (scenario, settings) =
+        scenario::load_with_settings(args.scenario.as_deref(), args.settings.clone())
+            .map_err(misuse)?;
     if args.policy.is_some() && !args.spawn && !args.in_process {
         return Err(misuse(
             "--policy is for a controller that this program runs: add --spawn or --in-process, \
              or give the policy to the controller that you start",
         ));
     }
+    let record = args.record.as_deref();
+    let mut recording = Recording::begin(record, &settings, &scenario, Pace::LockStep)?;
     let outcome = if args.in_process {
-        in_process(&scenario, args.policy.as_deref())?
+        in_process(&scenario, args.policy.as_deref(), &mut recording)
     } else {
-        over_shared_memory(&scenario, args)?
+        over_shared_memory(&scenario, args, &mut recording)
     };
+    let recorded = recording.finish(&outcome);
+    let outcome = outcome?;
     if args.json {
         println!("{}", serde_json::to_string(&outcome.report())?);
     } else {
@@ -73,25 +82,35 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         eprintln!("sim-host: the leg fell at x = {:.2} m", outcome.body.x_m);
         return Ok(ExitCode::from(1));
     }
+    recorded?;
     Ok(ExitCode::SUCCESS)
 }
 
-fn in_process(scenario: &Scenario, policy: Option<&Path>) -> anyhow::Result<Outcome> {
+fn in_process(
+    scenario: &Scenario,
+    policy: Option<&Path>,
+    recording: &mut Recording,
+) -> anyhow::Result<Outcome> {
     let blob = checked_policy(policy)?;
     let policy = blob.policy().map_err(misuse)?;
     let leg = scenario.leg_model().fingerprint();
     if let Some(warning) = other_leg(policy.manifest(), Some(leg)) {
         eprintln!("sim-host: {warning}");
     }
+    recording.policy(blob.as_slice(), &policy);
     let config = Config::at_rate(scenario.rate_hz)
         .and_then(|config| config.with_gravity(scenario.controller_gravity_m_s2()))
         .map_err(misuse)?;
     let mut controller = Controller::new(policy, config);
     let mut link = Inline::new(|sample| controller.tick(Some(sample)));
-    Ok(lock_step::run(scenario, &mut link, Options::default(), |_| ())?)
+    Ok(lock_step::run(scenario, &mut link, Options::default(), |tick| recording.push(tick))?)
 }
 
-fn over_shared_memory(scenario: &Scenario, args: &Args) -> anyhow::Result<Outcome> {
+fn over_shared_memory(
+    scenario: &Scenario,
+    args: &Args,
+    recording: &mut Recording,
+) -> anyhow::Result<Outcome> {
     let domain = if args.spawn && args.meeting.domain.is_none() {
         // Of its own: so that runs that start their controller never meet.
         format!("run-{}", std::process::id())
@@ -122,8 +141,11 @@ fn over_shared_memory(scenario: &Scenario, args: &Args) -> anyhow::Result<Outcom
         News::Missing(_) => (),
         News::Notice(notice) => eprintln!("sim-host: {notice}"),
     };
-    let meeting = Meeting { domain, timeout, start };
-    two_processes::play(scenario, &meeting, &stop, tell, |_| ()).map_err(|error| match &error {
+    let epoch = epoch_now();
+    recording.ask_for_policies(&domain, epoch);
+    let meeting = Meeting { domain, timeout, start, epoch };
+    let observe = |tick: &TickRecord| recording.push(tick);
+    two_processes::play(scenario, &meeting, &stop, tell, observe).map_err(|error| match &error {
         PlayError::Connect(ConnectError::Domain(DomainError::Name(_))) => misuse(error),
         PlayError::Controller(status) if status.code() == Some(2) => misuse(error),
         _ => error.into(),

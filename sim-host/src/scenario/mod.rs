@@ -58,9 +58,7 @@ impl Scenario {
     /// The shore: out of the sea onto land, from rest, the density estimated.
     #[must_use]
     pub fn shore() -> Self {
-        let settings = Settings::from_toml(include_str!("../../scenarios/shore.toml"))
-            .expect("the shore's file is part of the program, and tested");
-        Self::from_settings(&settings).expect("as above")
+        Self::from_settings(&Settings::shore()).expect("part of the program, and tested")
     }
 
     /// Time between two ticks, s.
@@ -172,6 +170,13 @@ impl Scenario {
 }
 
 impl Settings {
+    /// Those of [`Scenario::shore`].
+    #[must_use]
+    pub fn shore() -> Self {
+        Self::from_toml(include_str!("../../scenarios/shore.toml"))
+            .expect("the shore's file is part of the program, and tested")
+    }
+
     /// Reads settings from TOML text.
     ///
     /// # Errors
@@ -376,6 +381,17 @@ pub enum ScenarioError {
 /// # Errors
 /// [`ScenarioError`], naming the file or the command line.
 pub fn load(file: Option<&Path>, flags: Settings) -> Result<Scenario, ScenarioError> {
+    load_with_settings(file, flags).map(|(scenario, _)| scenario)
+}
+
+/// The same, with the settings of both together.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_with_settings(
+    file: Option<&Path>,
+    flags: Settings,
+) -> Result<(Scenario, Settings), ScenarioError> {
     let mut settings = flags;
     if let Some(path) = file {
         let base = Settings::from_file(path)?;
@@ -384,8 +400,9 @@ pub fn load(file: Option<&Path>, flags: Settings) -> Result<Scenario, ScenarioEr
             .map_err(|cause| ScenarioError::Value { origin: path.display().to_string(), cause })?;
         settings = settings.over(base);
     }
-    Scenario::from_settings(&settings)
-        .map_err(|cause| ScenarioError::Value { origin: "command line".to_owned(), cause })
+    let scenario = Scenario::from_settings(&settings)
+        .map_err(|cause| ScenarioError::Value { origin: "command line".to_owned(), cause })?;
+    Ok((scenario, settings))
 }
 
 #[cfg(test)]

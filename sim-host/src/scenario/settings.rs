@@ -44,7 +44,7 @@ pub enum DensitySense {
 }
 
 /// The settings of a run, unchecked.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize, clap::Args)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
     /// Ticks a second; the controller's must be the same [default: 1000].
@@ -97,7 +97,7 @@ pub struct Settings {
 }
 
 /// How a run begins, unchecked.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize, clap::Args)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(deny_unknown_fields, default)]
 pub struct StartSettings {
     /// Place at the start, m [default: 0].

@@ -24,6 +24,8 @@ pub struct Meeting {
     pub timeout: Duration,
     /// The controller to start; `None` waits for one that somebody else starts.
     pub start: Option<ControllerCall>,
+    /// The number of the run; see [`epoch_now`].
+    pub epoch: u32,
 }
 
 /// Why there was no run, or not a whole one.
@@ -102,7 +104,7 @@ pub fn play(
         (Err(_), Some(status)) => return Err(PlayError::Controller(status)),
         (link, _) => link?,
     };
-    let options = Options { timeout: meeting.timeout, epoch: epoch_now() };
+    let options = Options { timeout: meeting.timeout, epoch: meeting.epoch };
     let mut link = Patient::new(
         link,
         meeting.timeout,

@@ -12,7 +12,7 @@ use controller::leg::LegModel;
 use controller::policy::{GainPoint, GainSchedule, Manifest, Media, Provenance, write};
 use tempfile::TempDir;
 
-const PROGRAM: &str = env!("CARGO_BIN_EXE_sim-host");
+pub(crate) const PROGRAM: &str = env!("CARGO_BIN_EXE_sim-host");
 const DOMAIN: &str = "test";
 /// Longer than any process here should live.
 const LONG: Duration = Duration::from_mins(1);
@@ -36,7 +36,7 @@ impl Place {
         self.dir.path().join(format!("spring-leg-{user}"))
     }
 
-    /// A file in this place.
+    /// A file of this name.
     pub(crate) fn file(&self, name: &str) -> PathBuf {
         self.dir.path().join(name)
     }
@@ -200,6 +200,16 @@ impl Running {
     pub(crate) fn signal(&mut self, signal: rustix::process::Signal) {
         let pid = i32::try_from(self.pid()).ok().and_then(rustix::process::Pid::from_raw);
         rustix::process::kill_process(pid.expect("a process"), signal).expect("signal");
+    }
+
+    /// Sends one to each process that it has started.
+    pub(crate) fn signal_children(&mut self, signal: rustix::process::Signal) {
+        let pid = self.pid();
+        let children = fs::read_to_string(format!("/proc/{pid}/task/{pid}/children"));
+        for child in children.expect("the system tells").split_whitespace() {
+            let pid = child.parse().ok().and_then(rustix::process::Pid::from_raw);
+            rustix::process::kill_process(pid.expect("a process"), signal).expect("signal");
+        }
     }
 
     /// Waits for its end.
