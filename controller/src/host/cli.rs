@@ -7,6 +7,7 @@
 mod attend;
 mod beside;
 pub mod orders;
+mod real_time;
 
 use std::fmt;
 use std::io::{self, Write as _};
@@ -16,8 +17,11 @@ use std::time::Duration;
 
 use super::bench::{self, BenchError};
 use super::blob::BlobError;
-use super::card::Role;
+use super::card::{Pace, Role};
 use super::domain::{DEFAULT_DOMAIN, DomainError};
+use super::link::LinkError;
+use super::realtime::LoopReport;
+use super::realtime::cli::RealTimeArgs;
 use super::serial::commands;
 use super::serve::ServeError;
 use super::shelf::ShelfError;
@@ -76,6 +80,12 @@ pub struct Args {
     /// Where to find the simulator.
     #[command(flatten)]
     pub meeting: Meeting,
+    /// How to tick by the clock.
+    #[command(flatten)]
+    pub real_time: RealTimeArgs,
+    /// Print the figures of a loop in real time as one JSON object.
+    #[arg(long, requires = "real_time")]
+    pub json: bool,
 }
 
 /// Where two processes meet, and how long one waits for the other.
@@ -136,9 +146,18 @@ pub enum CliError {
     /// The run broke off.
     #[error(transparent)]
     Serve(#[from] ServeError),
+    /// The loop in real time broke off.
+    #[error(transparent)]
+    Link(#[from] LinkError),
     /// Nothing was measured.
     #[error(transparent)]
     Bench(#[from] BenchError),
+}
+
+impl Args {
+    fn pace(&self) -> Pace {
+        if self.real_time.real_time { Pace::RealTime } else { Pace::LockStep }
+    }
 }
 
 impl CliError {
@@ -172,11 +191,32 @@ pub struct Summary {
     pub apexes: u32,
     /// What the guard rejected in the last epoch.
     pub counts: Counts,
+    /// The figures of the loop, in real time.
+    pub real_time: Option<LoopReport>,
+}
+
+impl Summary {
+    /// The figures, for a script: those of a [`LoopReport`] in `loop`, and the
+    /// guard's in `rejected`.
+    #[must_use]
+    pub fn json(&self) -> serde_json::Value {
+        serde_json::json!({
+            "policy": self.policy,
+            "ticks": self.ticks,
+            "apexes": self.apexes,
+            "rejected": self.counts.rejected(),
+            "safe_entered": self.counts.safe_entered,
+            "loop": self.real_time,
+        })
+    }
 }
 
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { policy, ticks, apexes, counts } = self;
+        let Self { policy, ticks, apexes, counts, real_time } = self;
+        if let Some(report) = real_time {
+            writeln!(f, "{report}")?;
+        }
         write!(f, "policy {policy}: {ticks} ticks, {apexes} apexes, ")?;
         write!(f, "{} samples rejected", counts.rejected())?;
         for (kind, count) in counts.by_kind().into_iter().filter(|(_, count)| *count > 0) {
@@ -218,7 +258,11 @@ pub fn main(call: &Call) -> ExitCode {
         Some(Command::Status(args)) => return orders::status(args),
         Some(Command::Bench(args)) => bench::run(args).map_err(CliError::from),
         None => attend::run(&call.args, |summary| {
-            let _ = writeln!(io::stdout(), "{}: {summary}", Role::Controller);
+            let _ = if call.args.json {
+                writeln!(io::stdout(), "{}", summary.json())
+            } else {
+                writeln!(io::stdout(), "{}: {summary}", Role::Controller)
+            };
         }),
     };
     match done {

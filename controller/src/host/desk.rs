@@ -111,7 +111,7 @@ fn path(root: &Path, role: Role) -> PathBuf {
 pub struct Desk {
     end: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
-    _file: SocketFile,
+    file: Option<SocketFile>,
     // Last: the socket lies in its folder.
     _domain: Arc<Domain>,
 }
@@ -144,12 +144,14 @@ impl Desk {
             .name("desk".into())
             .spawn(move || serve(&listener, &ends, answer))
             .map_err(failed)?;
-        Ok(Self { end, thread: Some(thread), _file: file, _domain: Arc::clone(domain) })
+        Ok(Self { end, thread: Some(thread), file: Some(file), _domain: Arc::clone(domain) })
     }
 }
 
 impl Drop for Desk {
     fn drop(&mut self) {
+        // While somebody listens there nobody else does: it is ours that is removed.
+        drop(self.file.take());
         self.end.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();

@@ -25,6 +25,7 @@ pub mod office;
 pub mod operated;
 pub mod patient;
 mod payload;
+pub mod realtime;
 pub mod serial;
 pub mod serve;
 pub mod shelf;

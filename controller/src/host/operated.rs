@@ -12,6 +12,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use rtrb::{Consumer, Producer};
 
 use super::desk::requests::{Moment, Rejected};
+use super::realtime::Law;
 use super::shelf::Shelved;
 use crate::control::{Config, Controller};
 use crate::guard::Counts;
@@ -222,6 +223,16 @@ impl Operated {
             board.stale.store(counts.stale, Ordering::Relaxed);
             board.safe_entered.store(counts.safe_entered, Ordering::Relaxed);
         }
+    }
+}
+
+impl Law for Operated {
+    fn tick(&mut self, sample: Option<&Sample>) -> Command {
+        Self::tick(self, sample)
+    }
+
+    fn rest(&mut self) {
+        self.restart();
     }
 }
 

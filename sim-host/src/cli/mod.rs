@@ -7,6 +7,7 @@
 mod apex;
 mod bench;
 mod bridge;
+mod real_time;
 mod recording;
 mod replay;
 mod run;
@@ -32,7 +33,7 @@ struct Program {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Play a scenario to a controller, in lock-step.
+    /// Play a scenario to a controller, in lock-step or in real time.
     Run(Box<run::Args>),
     /// Be the controller: as the `controller` program.
     Controller(controller::host::cli::Call),

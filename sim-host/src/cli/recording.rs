@@ -69,7 +69,10 @@ impl Recording {
     }
 
     /// Finishes the file. It says on stderr what of the run is not in it.
-    pub(super) fn finish(self, outcome: &anyhow::Result<Outcome>) -> Result<(), RecordError> {
+    pub(super) fn finish(
+        self,
+        outcome: Result<&Outcome, &anyhow::Error>,
+    ) -> Result<(), RecordError> {
         let Some(Active { policies, recorder, .. }) = self.0 else { return Ok(()) };
         drop(policies);
         let end = match outcome {

@@ -9,17 +9,17 @@ use controller::host::domain::DomainError;
 use controller::host::memory::Inline;
 use controller::host::patient::Notice;
 use controller::host::shm::ConnectError;
-use controller::host::{Pace, Role, Stop};
+use controller::host::{Pace, Role, Stop, Terms};
 
 use super::recording::Recording;
-use super::{checked_policy, misuse};
+use super::{checked_policy, misuse, real_time};
 use crate::scenario::{self, Scenario, Settings};
 use crate::session::child::ControllerCall;
 use crate::session::lock_step::{self, Options};
-use crate::session::two_processes::{self, Meeting, News, PlayError, epoch_now};
+use crate::session::two_processes::{self, Meeting, Met, News, PlayError, epoch_now};
 use crate::session::{Ending, Outcome, TickRecord};
 
-/// Plays a scenario to a controller, in lock-step.
+/// Plays a scenario to a controller, in lock-step or in real time.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// What to play, as TOML; flags win over it.
@@ -34,16 +34,18 @@ pub(super) struct Args {
     spawn: bool,
     /// Run the controller in this process, without shared memory.
     #[arg(long)]
-    in_process: bool,
+    pub(super) in_process: bool,
     /// The policy that --spawn or --in-process runs [default: the shipped one].
     #[arg(long, value_name = "FILE")]
-    policy: Option<PathBuf>,
+    pub(super) policy: Option<PathBuf>,
     /// Record every tick to an MCAP file, for `replay`, `plot` and other programs.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     /// Print the result as one JSON object.
     #[arg(long)]
-    json: bool,
+    pub(super) json: bool,
+    #[command(flatten)]
+    pub(super) real_time: real_time::Args,
 }
 
 pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
@@ -57,19 +59,40 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         ));
     }
     let record = args.record.as_deref();
-    let mut recording = Recording::begin(record, &settings, &scenario, Pace::LockStep)?;
+    let mut recording = Recording::begin(record, &settings, &scenario, args.real_time.pace())?;
+    if args.real_time.pace() == Pace::RealTime {
+        return real_time::main(&scenario, args, recording);
+    }
     let outcome = if args.in_process {
         in_process(&scenario, args.policy.as_deref(), &mut recording)
     } else {
         over_shared_memory(&scenario, args, &mut recording)
     };
-    let recorded = recording.finish(&outcome);
+    let recorded = recording.finish(outcome.as_ref());
     let outcome = outcome?;
     if args.json {
         println!("{}", serde_json::to_string(&outcome.report())?);
     } else {
         print_summary(&outcome);
+        let us = outcome.round_trips.quantiles_us();
+        println!(
+            "{:.0} ticks/s; {} round trip p50 {:.2} us, p99 {:.2} us, p99.9 {:.2} us, max {:.1} us",
+            outcome.ticks_per_s(),
+            Role::Controller,
+            us.p50,
+            us.p99,
+            us.p99_9,
+            us.max
+        );
+        println!("state hash {:016x}", outcome.state_hash);
     }
+    let status = verdict(&outcome);
+    recorded?;
+    Ok(status)
+}
+
+/// What is to be said of a run beside its figures, and the exit status.
+pub(super) fn verdict(outcome: &Outcome) -> ExitCode {
     if outcome.all_safe() {
         eprintln!(
             "sim-host: warning: the controller never left its safe state: of {} ticks all were \
@@ -80,10 +103,16 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     }
     if outcome.ending == Ending::Fall {
         eprintln!("sim-host: the leg fell at x = {:.2} m", outcome.body.x_m);
-        return Ok(ExitCode::from(1));
+        return ExitCode::from(1);
     }
-    recorded?;
-    Ok(ExitCode::SUCCESS)
+    ExitCode::SUCCESS
+}
+
+/// How the controller of a scenario is run.
+pub(super) fn controller_config(scenario: &Scenario) -> anyhow::Result<Config> {
+    Config::at_rate(scenario.rate_hz)
+        .and_then(|config| config.with_gravity(scenario.controller_gravity_m_s2()))
+        .map_err(misuse)
 }
 
 fn in_process(
@@ -98,10 +127,7 @@ fn in_process(
         eprintln!("sim-host: {warning}");
     }
     recording.policy(blob.as_slice(), &policy);
-    let config = Config::at_rate(scenario.rate_hz)
-        .and_then(|config| config.with_gravity(scenario.controller_gravity_m_s2()))
-        .map_err(misuse)?;
-    let mut controller = Controller::new(policy, config);
+    let mut controller = Controller::new(policy, controller_config(scenario)?);
     let mut link = Inline::new(|sample| controller.tick(Some(sample)));
     Ok(lock_step::run(scenario, &mut link, Options::default(), |tick| recording.push(tick))?)
 }
@@ -111,6 +137,25 @@ fn over_shared_memory(
     args: &Args,
     recording: &mut Recording,
 ) -> anyhow::Result<Outcome> {
+    let stop = Stop::on_signals()?;
+    let timeout = args.meeting.timeout();
+    meet(scenario, args, scenario.terms(), &stop, recording, |met, epoch, recording| {
+        let observe = |tick: &TickRecord| recording.push(tick);
+        let options = Options { epoch, timeout };
+        Ok(lock_step::run(scenario, &mut met.in_lock_step(), options, observe)?)
+    })
+}
+
+/// Plays by `run` once a controller is there, by the options that say where;
+/// `run` is told the number of the run.
+pub(super) fn meet<R>(
+    scenario: &Scenario,
+    args: &Args,
+    terms: Terms,
+    stop: &Stop,
+    recording: &mut Recording,
+    run: impl FnOnce(Met<'_>, u32, &mut Recording) -> Result<R, PlayError>,
+) -> anyhow::Result<R> {
     let domain = if args.spawn && args.meeting.domain.is_none() {
         // Of its own: so that runs that start their controller never meet.
         format!("run-{}", std::process::id())
@@ -127,9 +172,9 @@ fn over_shared_memory(
         gravity_m_s2: scenario.controller_gravity_m_s2(),
         domain: domain.clone(),
         timeout,
+        real_time: args.real_time.of_controller(),
     });
     let quiet = start.is_some();
-    let stop = Stop::on_signals()?;
     let mut said = false;
     let tell = |news: News<'_>| match news {
         News::Missing(missing) if !(said || quiet) && missing.waited >= SAY_AFTER => {
@@ -144,20 +189,22 @@ fn over_shared_memory(
     let epoch = epoch_now();
     recording.ask_for_policies(&domain, epoch);
     let meeting = Meeting { domain, timeout, start, epoch };
-    let observe = |tick: &TickRecord| recording.push(tick);
-    two_processes::play(scenario, &meeting, &stop, tell, observe).map_err(|error| match &error {
+    let run = |met: Met<'_>| run(met, epoch, recording);
+    two_processes::play_by(terms, &meeting, stop, tell, run).map_err(|error| match &error {
         PlayError::Connect(ConnectError::Domain(DomainError::Name(_))) => misuse(error),
         PlayError::Controller(status) if status.code() == Some(2) => misuse(error),
         _ => error.into(),
     })
 }
 
-fn print_summary(outcome: &Outcome) {
+/// How the leg fared.
+pub(super) fn print_summary(outcome: &Outcome) {
     let report = outcome.report();
     let ending = match outcome.ending {
         Ending::Duration => "time over",
         Ending::Distance => "distance reached",
         Ending::Fall => "fell",
+        Ending::Stopped => "stopped",
     };
     println!(
         "{ending} after {:.3} s ({} ticks), {:.3} m",
@@ -167,15 +214,4 @@ fn print_summary(outcome: &Outcome) {
         "hops {}, apexes {}, falls {}, ticks in the safe state {}, samples rejected {}",
         report.hops, report.apexes, report.falls, report.safe_ticks, report.rejected
     );
-    let us = report.round_trip_us;
-    println!(
-        "{:.0} ticks/s; {} round trip p50 {:.2} us, p99 {:.2} us, p99.9 {:.2} us, max {:.1} us",
-        report.ticks_per_s,
-        Role::Controller,
-        us.p50,
-        us.p99,
-        us.p99_9,
-        us.max
-    );
-    println!("state hash {}", report.state_hash);
 }

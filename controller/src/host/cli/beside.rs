@@ -34,7 +34,6 @@ pub(super) struct Beside {
 
 impl Beside {
     /// Opens the desk of the controller in `domain`, and sets the clerk to work.
-    /// In every round the clerk also does his `errand`.
     ///
     /// Without a desk or a clerk the loop runs all the same; that is said.
     pub(super) fn open(
@@ -42,7 +41,6 @@ impl Beside {
         office: Office,
         reload: Option<Reload>,
         stop: &Stop,
-        mut errand: impl FnMut() + Send + 'static,
     ) -> Self {
         let office = Arc::new(Mutex::new(office));
         let at_desk = Arc::clone(&office);
@@ -66,7 +64,6 @@ impl Beside {
                 if let Some(news) = news {
                     say(news);
                 }
-                errand();
                 std::thread::park_timeout(ROUND);
             }
         };
