@@ -7,6 +7,7 @@
 mod apex;
 mod bench;
 mod bridge;
+mod faults;
 mod recording;
 mod replay;
 mod run;
@@ -46,6 +47,8 @@ enum Command {
         /// The file.
         path: PathBuf,
     },
+    /// List the faults that `run --fault` can put into a run.
+    Faults,
     /// Measure what a tick costs on this machine.
     Bench {
         /// What.
@@ -59,12 +62,16 @@ enum Command {
 /// Runs the program; gives its exit status.
 #[must_use]
 pub fn main() -> ExitCode {
+    if faults::asked_for() {
+        return faults::main();
+    }
     let program = Program::parse();
     let outcome = match program.command {
         None => shore::main(&program.shore),
         Some(Command::Run(args)) => run::main(&args),
         Some(Command::Bridge(args)) => bridge::main(&args),
         Some(Command::Replay(args)) => replay::main(&args),
+        Some(Command::Faults) => return faults::main(),
         Some(Command::Recorder { path }) => return crate::record::recorder(&path),
         Some(Command::Apex(args)) => apex::main(&args),
         Some(Command::Bench { what }) => bench::main(&what),

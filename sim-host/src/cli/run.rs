@@ -6,15 +6,16 @@ use std::process::ExitCode;
 use controller::control::{Config, Controller};
 use controller::host::cli::{Meeting as MeetingArgs, SAY_AFTER, other_leg};
 use controller::host::domain::DomainError;
-use controller::host::memory::Inline;
 use controller::host::shm::ConnectError;
 use controller::host::{Pace, Role, Stop};
+use controller::wire::Sample;
 
 use super::recording::Recording;
 use super::{checked_policy, misuse};
 use crate::scenario::{self, Scenario, Settings};
 use crate::session::child::ControllerCall;
-use crate::session::lock_step::{self, Options};
+use crate::session::lock_step::Options;
+use crate::session::stepped;
 use crate::session::two_processes::{self, Meeting, PlayError};
 use crate::session::{Ending, Outcome, TickRecord};
 
@@ -101,8 +102,8 @@ fn in_process(
         .and_then(|config| config.with_gravity(scenario.controller_gravity_m_s2()))
         .map_err(misuse)?;
     let mut controller = Controller::new(policy, config);
-    let mut link = Inline::new(|sample| controller.tick(Some(sample)));
-    Ok(lock_step::run(scenario, &mut link, Options::default(), |tick| recording.push(tick))?)
+    let law = |sample: Option<&Sample>| controller.tick(sample);
+    Ok(stepped::run(scenario, law, Options::default(), |tick| recording.push(tick))?)
 }
 
 fn over_shared_memory(
@@ -171,5 +172,6 @@ fn print_summary(outcome: &Outcome) {
         us.p99_9,
         us.max
     );
+    report.faults.iter().for_each(|fault| println!("{fault}"));
     println!("state hash {}", report.state_hash);
 }
