@@ -12,10 +12,12 @@ use std::time::Duration;
 use super::bench::{self, BenchError};
 use super::blob::{BlobError, PolicyBlob};
 use super::domain::{DEFAULT_DOMAIN, Domain, DomainError};
+use super::realtime::cli::RealTimeArgs;
+use super::realtime::{self, Ends, LoopReport, Plain, Served, Shared};
 use super::serial::commands;
 use super::serve::{ServeError, serve};
 use super::shm::{ConnectError, ShmController};
-use super::{Role, Stop, Terms};
+use super::{LinkError, Pace, Role, Stop, Terms};
 use crate::control::{Config, ConfigError, Controller};
 use crate::guard::Counts;
 use crate::policy::Manifest;
@@ -60,6 +62,12 @@ pub struct Args {
     /// Where to find the simulator.
     #[command(flatten)]
     pub meeting: Meeting,
+    /// How to tick by the clock.
+    #[command(flatten)]
+    pub real_time: RealTimeArgs,
+    /// Print the figures of a loop in real time as one JSON object.
+    #[arg(long, requires = "real_time")]
+    pub json: bool,
 }
 
 /// Where two processes meet, and how long one waits for the other.
@@ -111,6 +119,9 @@ pub enum CliError {
     /// The run broke off.
     #[error(transparent)]
     Serve(#[from] ServeError),
+    /// The loop in real time broke off.
+    #[error(transparent)]
+    Link(#[from] LinkError),
     /// Nothing was measured.
     #[error(transparent)]
     Bench(#[from] BenchError),
@@ -146,11 +157,34 @@ pub struct Summary {
     pub apexes: u32,
     /// What the guard rejected in the last epoch.
     pub counts: Counts,
+    /// The figures of the loop, in real time.
+    pub real_time: Option<LoopReport>,
+    /// What ended a loop in real time before its time, if anything did.
+    pub ended: Result<(), LinkError>,
+}
+
+impl Summary {
+    /// The figures, for a script: those of a [`LoopReport`] in `loop`, and the
+    /// guard's in `rejected`.
+    #[must_use]
+    pub fn json(&self) -> serde_json::Value {
+        serde_json::json!({
+            "policy": self.policy,
+            "ticks": self.ticks,
+            "apexes": self.apexes,
+            "rejected": self.counts.rejected(),
+            "safe_entered": self.counts.safe_entered,
+            "loop": self.real_time,
+        })
+    }
 }
 
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { policy, ticks, apexes, counts } = self;
+        let Self { policy, ticks, apexes, counts, real_time, .. } = self;
+        if let Some(report) = real_time {
+            writeln!(f, "{report}")?;
+        }
         write!(f, "policy {policy}: {ticks} ticks, {apexes} apexes, ")?;
         write!(f, "{} samples rejected", counts.rejected())?;
         for (kind, count) in counts.by_kind().into_iter().filter(|(_, count)| *count > 0) {
@@ -192,7 +226,8 @@ pub fn run(args: &Args) -> Result<Summary, CliError> {
     let timeout = args.meeting.timeout;
     let domain = Domain::join(args.meeting.domain())?;
     let leg = controller.policy().manifest().leg;
-    let terms = Terms::at(args.rate).with_gravity(args.gravity).with_leg(&leg);
+    let pace = if args.real_time.real_time { Pace::RealTime } else { Pace::LockStep };
+    let terms = Terms::at(args.rate).with_gravity(args.gravity).with_leg(&leg).with_pace(pace);
     let mut said = false;
     let mut link = ShmController::connect_watching(&domain, terms, timeout, &stop, |missing| {
         if !said && missing.waited >= SAY_AFTER {
@@ -205,13 +240,30 @@ pub fn run(args: &Args) -> Result<Summary, CliError> {
         eprintln!("{}: {warning}", Role::Controller);
     }
 
+    if pace == Pace::RealTime {
+        let mut law = Plain { controller, config };
+        let options = args.real_time.options(Role::Controller, args.rate, Shared::default());
+        let (gave_up, look) = realtime::watch(&link, &stop, Some(timeout));
+        let Served { ended, samples, last, report } =
+            realtime::serve(link, &mut law, Ends::AtFarewell, &options, &stop, look);
+        let ended = gave_up.get().cloned().map_or(ended, Err);
+        return Ok(Summary {
+            policy: name,
+            ticks: samples,
+            apexes: last.apexes,
+            counts: *law.controller.counts(),
+            real_time: Some(report),
+            ended,
+        });
+    }
     let mut apexes = 0;
     let ticks = serve(&mut link, timeout, |sample| {
         let command = controller.tick(Some(sample));
         apexes = command.apexes;
         command
     })?;
-    Ok(Summary { policy: name, ticks, apexes, counts: *controller.counts() })
+    let counts = *controller.counts();
+    Ok(Summary { policy: name, ticks, apexes, counts, real_time: None, ended: Ok(()) })
 }
 
 /// The whole program after its arguments: runs, reports, and gives the exit
@@ -221,7 +273,14 @@ pub fn main(call: &Call) -> ExitCode {
     let done = match &call.command {
         Some(Command::Flashed(command)) => return commands::main(command),
         Some(Command::Bench(args)) => bench::run(args).map_err(CliError::from),
-        None => run(&call.args).map(|summary| println!("{}: {summary}", Role::Controller)),
+        None => run(&call.args).and_then(|summary| {
+            if call.args.json {
+                println!("{}", summary.json());
+            } else {
+                println!("{}: {summary}", Role::Controller);
+            }
+            Ok(summary.ended?)
+        }),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -22,6 +22,7 @@ pub mod flash;
 pub mod link;
 pub mod memory;
 mod payload;
+pub mod realtime;
 pub mod serial;
 pub mod serve;
 pub mod shm;

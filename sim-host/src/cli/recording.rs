@@ -9,6 +9,7 @@ use super::misuse;
 use crate::record::schema::{Config, End, Policy as PolicyMessage};
 use crate::record::{OnFull, PolicyWatch, RecordError, Recorder, Tap};
 use crate::scenario::{Scenario, Settings};
+use crate::session::real_time::Hooks;
 use crate::session::{Options, Outcome, TickRecord};
 
 /// The number of a run that its options do not say otherwise.
@@ -69,7 +70,10 @@ impl Recording {
     }
 
     /// Finishes the file. It says on stderr what of the run is not in it.
-    pub(super) fn finish(self, outcome: &anyhow::Result<Outcome>) -> Result<(), RecordError> {
+    pub(super) fn finish(
+        self,
+        outcome: Result<&Outcome, &anyhow::Error>,
+    ) -> Result<(), RecordError> {
         let Some(Active { policies, recorder, .. }) = self.0 else { return Ok(()) };
         drop(policies);
         let end = match outcome {
@@ -85,5 +89,11 @@ impl Recording {
             );
         }
         Ok(())
+    }
+}
+
+impl Hooks for Recording {
+    fn observe(&mut self, tick: &TickRecord<'_>) {
+        self.push(tick);
     }
 }

@@ -68,7 +68,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         },
     );
     let outcome = outcome.map_err(anyhow::Error::from);
-    let recorded = recording.finish(&outcome);
+    let recorded = recording.finish(outcome.as_ref());
     let outcome = outcome?;
     if let Some(journal) = &journal {
         journal.end();
@@ -98,6 +98,7 @@ fn meeting(args: &Args, scenario: &Scenario) -> Meeting {
         gravity_m_s2: scenario.controller_gravity_m_s2(),
         domain: domain.clone(),
         timeout: TIMEOUT,
+        real_time: Vec::new(),
     };
     Meeting { domain, timeout: TIMEOUT, start: Some(call) }
 }

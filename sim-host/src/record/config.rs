@@ -63,6 +63,7 @@ impl End {
                 Ending::Duration => "duration",
                 Ending::Distance => "distance",
                 Ending::Fall => "fall",
+                Ending::Stopped => "stopped",
             }
             .to_owned(),
             ticks: report.ticks,

@@ -25,6 +25,8 @@ pub struct ControllerCall {
     pub domain: String,
     /// Its patience with this process.
     pub timeout: Duration,
+    /// The options of a loop in real time; none in lock-step.
+    pub real_time: Vec<OsString>,
 }
 
 impl ControllerCall {
@@ -43,6 +45,7 @@ impl ControllerCall {
         ] {
             arguments.extend([flag.into(), value.into()]);
         }
+        arguments.extend(self.real_time.iter().cloned());
         arguments
     }
 }

@@ -59,6 +59,9 @@ pub struct Leg<'a> {
     world: WorldCounts,
     held: Held,
     seq: u64,
+    /// Played before the last restart.
+    ticks_before: u64,
+    restarts: u32,
     sample: Sample,
     touchdowns: u64,
     apexes: u64,
@@ -84,6 +87,8 @@ impl<'a> Leg<'a> {
             world: WorldCounts::default(),
             held: Held::default(),
             seq: 0,
+            ticks_before: 0,
+            restarts: 0,
             sample: Sample::default(),
             touchdowns: 0,
             apexes: 0,
@@ -134,11 +139,32 @@ impl<'a> Leg<'a> {
             Some(Ending::Fall)
         } else if self.scenario.distance_m.is_some_and(|distance_m| way_m >= distance_m) {
             Some(Ending::Distance)
-        } else if self.seq >= self.scenario.ticks() {
+        } else if self.ticks() >= self.scenario.ticks() {
             Some(Ending::Duration)
         } else {
             None
         }
+    }
+
+    /// Ticks played, those before a restart included.
+    #[must_use]
+    pub fn ticks(&self) -> u64 {
+        self.ticks_before + self.seq
+    }
+
+    /// Puts the leg back to its scenario's start, as the run `epoch`. The time
+    /// that is left, and what was counted, go on.
+    pub fn restart(&mut self, epoch: u32) {
+        self.epoch = epoch;
+        self.restarts += 1;
+        self.ticks_before = self.ticks();
+        self.seq = 0;
+        let start = self.scenario.start;
+        self.set_points = self.scenario.set_points.begin(start.x_m);
+        self.plant = TickPlant::new(self.scenario.played_leg(), start);
+        self.look_around();
+        self.held.forget();
+        self.sense();
     }
 
     /// Asks for this speed from now on, m/s, whatever the scenario says; `None`
@@ -223,8 +249,9 @@ impl<'a> Leg<'a> {
         self.hash.body(&body);
         Outcome {
             ending,
-            ticks: self.seq,
-            sim_time_s: self.t_s(),
+            restarts: self.restarts,
+            ticks: self.ticks(),
+            sim_time_s: self.ticks() as f64 / f64::from(self.scenario.rate_hz),
             wall_time_s,
             distance_m: body.x_m - self.scenario.start.x_m,
             body,
@@ -255,8 +282,9 @@ impl<'a> Leg<'a> {
     fn look_around(&mut self) {
         let x_m = self.plant.body().x_m;
         self.medium = self.scenario.medium_at(x_m);
+        let since_s = self.ticks() as f64 / f64::from(self.scenario.rate_hz);
         if self.changes_medium
-            && let Some((tag, density_ratio)) = self.scenario.faults.density(self.t_s(), x_m)
+            && let Some((tag, density_ratio)) = self.scenario.faults.density(since_s, x_m)
         {
             self.medium = self.scenario.medium_of(density_ratio);
             self.world.count_medium(tag);

@@ -6,6 +6,7 @@ mod held;
 pub mod leg;
 pub mod lock_step;
 mod outcome;
+pub mod real_time;
 pub mod stepped;
 mod timing;
 pub mod two_processes;

@@ -16,6 +16,8 @@ pub enum Ending {
     Distance,
     /// The leg fell.
     Fall,
+    /// It was told to stop, or its link broke.
+    Stopped,
 }
 
 /// What a run came to.
@@ -23,6 +25,8 @@ pub enum Ending {
 pub struct Outcome {
     /// Why it ended.
     pub ending: Ending,
+    /// Falls after which it was put back to its start.
+    pub restarts: u32,
     /// Ticks played.
     pub ticks: u64,
     /// Simulated time, s.
@@ -74,7 +78,7 @@ impl Outcome {
     pub fn report(&self) -> Report {
         Report {
             ending: self.ending,
-            falls: u32::from(self.ending == Ending::Fall),
+            falls: self.restarts + u32::from(self.ending == Ending::Fall),
             hops: self.touchdowns,
             apexes: self.apexes,
             distance_m: self.distance_m,
@@ -97,7 +101,7 @@ impl Outcome {
 pub struct Report {
     /// Why the run ended.
     pub ending: Ending,
-    /// Falls: 0 or 1, a fall ends the run.
+    /// Falls: more than one where a leg that falls is put back to its start.
     pub falls: u32,
     /// Times that the foot came down.
     pub hops: u64,

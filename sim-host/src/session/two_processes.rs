@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use controller::host::domain::DomainError;
 use controller::host::shm::{ConnectError, Missing, ShmLeg};
-use controller::host::{Domain, Stop};
+use controller::host::{Domain, Stop, Terms};
 
 use super::child::{ControllerCall, ControllerChild};
 use super::leg::TickRecord;
@@ -61,27 +61,41 @@ pub fn play(
     scenario: &Scenario,
     meeting: &Meeting,
     stop: &Stop,
-    mut tell: impl FnMut(&Missing),
+    tell: impl FnMut(&Missing),
     observe: impl FnMut(&TickRecord),
 ) -> Result<Outcome, PlayError> {
+    let options = Options { timeout: meeting.timeout, ..Options::default() };
+    play_by(scenario.terms(), meeting, stop, tell, |mut link| {
+        Ok(lock_step::run(scenario, &mut link, options, observe)?)
+    })
+}
+
+/// As [`play`], in whatever way `run` plays once the two have met on `terms`.
+///
+/// # Errors
+/// As [`play`].
+pub fn play_by<R>(
+    terms: Terms,
+    meeting: &Meeting,
+    stop: &Stop,
+    mut tell: impl FnMut(&Missing),
+    run: impl FnOnce(ShmLeg) -> Result<R, PlayError>,
+) -> Result<R, PlayError> {
     // Before the child and dropped after it, so that the last to leave is this process,
     // and takes along what a killed child left.
     let domain = Domain::join(&meeting.domain)?;
     let mut child =
         meeting.start.as_ref().map(ControllerChild::spawn).transpose().map_err(PlayError::Start)?;
 
-    let terms = scenario.terms();
     let link = ShmLeg::connect_watching(&domain, terms, meeting.timeout, stop, |missing| {
         tell(missing);
         child.as_mut().is_none_or(|child| child.ended().is_none())
     });
-    let mut link = match (link, child.as_mut().and_then(ControllerChild::ended)) {
+    let link = match (link, child.as_mut().and_then(ControllerChild::ended)) {
         (Err(_), Some(status)) => return Err(PlayError::Controller(status)),
         (link, _) => link?,
     };
-    let options = Options { timeout: meeting.timeout, ..Options::default() };
-    let outcome = lock_step::run(scenario, &mut link, options, observe)?;
-    drop(link);
+    let outcome = run(link)?;
     match child.map(ControllerChild::finish) {
         Some(Ok(status)) if !status.success() => Err(PlayError::Controller(status)),
         Some(Err(cause)) => Err(PlayError::Start(cause)),

@@ -2,6 +2,7 @@
 
 mod bridge;
 mod place;
+mod real_time;
 mod record;
 
 use std::fs;

@@ -147,6 +147,12 @@ impl Clock {
         self.now
     }
 
+    /// Goes on by a tick without a new message, unless `stands`; whether it does.
+    pub(super) fn tick_unless(&mut self, stands: bool) -> bool {
+        self.now += u64::from(!stands);
+        !stands
+    }
+
     /// Takes in a message's header; whether it is another than the last.
     pub(super) fn hear<M: OnTheWire>(&mut self, message: &M) -> bool {
         let header = *message.header();

@@ -104,8 +104,9 @@ impl<L: Link<Sends: OnTheWire, Receives: OnTheWire>> Link for Faulty<L> {
         if message.header().flags & flags::END != 0 {
             return self.link.send(message);
         }
-        // The same one again, as after the peer was lost, meets no other fate.
-        if self.clock.hear(message) {
+        // In lock-step the same one again, as after the peer was lost, meets no other
+        // fate; in real time to say it again is another try.
+        if self.clock.hear(message) || self.clock.tick_unless(self.lock_step) {
             self.sent = self.outgoing.pass(self.clock.now(), Some(*message));
         }
         self.settled = false;
