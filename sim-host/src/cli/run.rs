@@ -6,17 +6,18 @@ use std::process::ExitCode;
 use controller::control::{Config, Controller};
 use controller::host::cli::{Meeting as MeetingArgs, SAY_AFTER, other_leg};
 use controller::host::domain::DomainError;
-use controller::host::memory::Inline;
 use controller::host::patient::Notice;
 use controller::host::shm::ConnectError;
 use controller::host::{Pace, Role, Stop, Terms};
 use controller::policy::Policy;
+use controller::wire::Sample;
 
 use super::recording::Recording;
 use super::{checked_policy, misuse, real_time};
 use crate::scenario::{self, Scenario, Settings};
 use crate::session::child::ControllerCall;
 use crate::session::lock_step::{self, Options};
+use crate::session::stepped;
 use crate::session::two_processes::{self, Meeting, Met, News, PlayError, epoch_now};
 use crate::session::{Ending, Outcome, TickRecord};
 
@@ -146,8 +147,8 @@ fn in_process(
     warn_of_other_leg(&policy, scenario);
     recording.policy(blob.as_slice(), &policy);
     let mut controller = Controller::new(policy, controller_config(scenario)?);
-    let mut link = Inline::new(|sample| controller.tick(Some(sample)));
-    Ok(lock_step::run(scenario, &mut link, Options::default(), |tick| recording.push(tick))?)
+    let law = |sample: Option<&Sample>| controller.tick(sample);
+    Ok(stepped::run(scenario, law, Options::default(), |tick| recording.push(tick))?)
 }
 
 fn over_shared_memory(
@@ -226,4 +227,5 @@ pub(super) fn print_summary(outcome: &Outcome) {
         "hops {}, apexes {}, falls {}, ticks in the safe state {}, samples rejected {}",
         report.hops, report.apexes, report.falls, report.safe_ticks, report.rejected
     );
+    report.faults.iter().for_each(|fault| println!("{fault}"));
 }
