@@ -15,6 +15,7 @@ use crate::session::real_time::{self, OnFall, Options, Played};
 
 /// How to play in real time.
 #[derive(Debug, clap::Args)]
+#[group(skip)]
 pub(super) struct Args {
     #[command(flatten)]
     clock: RealTimeArgs,
