@@ -1,8 +1,8 @@
 //! Loops in real time: a tick at its instant of the machine's clock.
 //!
 //! Leg and controller tick by the same monotonic clock, each on its own
-//! [`Grid`]: the leg at multiples of the tick since the clock's zero, the
-//! controller half a tick later. So each has half a tick for its work, and the
+//! [`Grid`]: a fixed part of a tick after each multiple of the tick since the
+//! clock's zero, the controller half a tick behind the leg. So each has half a tick for its work, and the
 //! two need no word with each other to stay in step.
 //!
 //! A tick: sleep to a little before its instant, spin to it, take the newest
