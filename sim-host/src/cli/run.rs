@@ -13,6 +13,7 @@ use controller::policy::Policy;
 
 use super::recording::Recording;
 use super::{checked_policy, misuse, real_time};
+use crate::operate::Operated;
 use crate::scenario::{self, Scenario, Settings};
 use crate::session::child::ControllerCall;
 use crate::session::lock_step::{self, Options};
@@ -158,8 +159,23 @@ fn over_shared_memory(
     let options = Options { timeout: args.meeting.timeout, ..Options::default() };
     recording.ask_for_policies(&args.domain());
     meet(scenario, args, scenario.terms(), &stop, |mut link| {
-        Ok(lock_step::run(scenario, &mut link, options, |tick| recording.push(tick))?)
+        let mut operated =
+            operated(&args.domain(), scenario.rate_hz, Pace::LockStep, &stop, || None);
+        Ok(lock_step::run_with(scenario, &mut link, options, &mut (recording, &mut operated))?)
     })
+}
+
+/// The desk of a run that has begun. A run goes on without, too.
+pub(super) fn operated(
+    domain: &str,
+    rate_hz: u32,
+    pace: Pace,
+    stop: &Stop,
+    timing: impl Fn() -> Option<serde_json::Value> + Send + 'static,
+) -> Option<Operated> {
+    Operated::open(domain, rate_hz, pace, stop, timing)
+        .inspect_err(|error| eprintln!("sim-host: warning: nobody can operate this run: {error}"))
+        .ok()
 }
 
 /// Plays by `run` once a controller is there, by the options that say where.

@@ -10,8 +10,9 @@ use std::time::{Duration, Instant};
 use controller::host::{LegLink, LinkError, Role};
 use controller::wire::Command;
 
+use super::hooks::{Hooks, Observe};
 use super::leg::{Leg, TickRecord};
-use super::outcome::Outcome;
+use super::outcome::{Ending, Outcome};
 use super::timing::RoundTrips;
 use crate::scenario::Scenario;
 
@@ -64,7 +65,20 @@ pub fn run(
     scenario: &Scenario,
     link: &mut impl LegLink,
     options: Options,
-    mut observe: impl FnMut(&TickRecord),
+    observe: impl FnMut(&TickRecord),
+) -> Result<Outcome, SessionError> {
+    run_with(scenario, link, options, &mut Observe(observe))
+}
+
+/// As [`run`], with all that may be hooked into a run.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_with(
+    scenario: &Scenario,
+    link: &mut impl LegLink,
+    options: Options,
+    hooks: &mut impl Hooks,
 ) -> Result<Outcome, SessionError> {
     let mut leg = Leg::new(scenario, options.epoch);
     let mut round_trips = RoundTrips::default();
@@ -73,11 +87,16 @@ pub fn run(
         if let Some(ending) = leg.ending() {
             break ending;
         }
+        hooks.wait();
+        if hooks.ends() {
+            break Ending::Stopped;
+        }
+        hooks.steer(&mut leg);
         let asked = Instant::now();
         let command = ask(&mut leg, link, options.timeout)?;
         let round_trip = asked.elapsed();
         round_trips.record(round_trip);
-        leg.step(Some(command), round_trip, &mut observe);
+        leg.step(Some(command), round_trip, &mut |tick: &TickRecord| hooks.observe(tick));
     };
     let wall_time_s = begun.elapsed().as_secs_f64();
     let tick = leg.seq();

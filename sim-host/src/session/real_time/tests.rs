@@ -8,6 +8,7 @@ use controller::host::{Link, Role};
 use controller::wire::{Command, Sample, flags};
 
 use super::*;
+use crate::session::TickRecord;
 use crate::scenario::Settings;
 use crate::session::lock_step;
 
