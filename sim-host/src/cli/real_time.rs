@@ -48,13 +48,14 @@ impl Args {
         &self,
         scenario: &Scenario,
         link: &mut impl LegLink,
+        epoch: u32,
         stop: &Stop,
         supervise: impl FnMut() + Send,
         shared: Shared,
         hooks: &mut impl Hooks,
     ) -> Played {
         let loop_options = self.clock.options(Role::Leg, scenario.rate_hz, shared);
-        let options = Options { on_fall: self.on_fall, ..Options::default() };
+        let options = Options { epoch, on_fall: self.on_fall };
         real_time::run(scenario, link, options, &loop_options, stop, supervise, hooks)
     }
 }
@@ -97,17 +98,17 @@ fn two_processes(
     stop: &Stop,
     recording: &mut Recording,
 ) -> anyhow::Result<Played> {
-    recording.ask_for_policies(&args.domain());
     let terms = scenario.terms().with_pace(Pace::RealTime);
-    run::meet(scenario, args, terms, stop, |mut link| {
-        let (_, look) = realtime::watch(&link, stop, None);
+    run::meet(scenario, args, terms, stop, recording, |met, epoch, recording| {
+        let mut link = met.link;
+        let (_, look) = realtime::watch(&link, stop, None, |_| ());
         let shared = Shared::default();
         let report = Arc::clone(&shared);
         let timing = move || serde_json::to_value(&*report.lock().ok()?).ok();
-        let mut operated =
+        let operated =
             run::operated(&args.domain(), scenario.rate_hz, Pace::RealTime, stop, timing);
-        let mut hooks = (recording, &mut operated);
-        Ok(args.real_time.play(scenario, &mut link, stop, look, shared, &mut hooks))
+        let mut hooks = (recording, operated);
+        Ok(args.real_time.play(scenario, &mut link, epoch, stop, look, shared, &mut hooks))
     })
 }
 
@@ -126,14 +127,22 @@ fn in_process(
     let Args { clock, controller_cpu, .. } = &args.real_time;
     let beside = RealTimeArgs { cpu: *controller_cpu, live: false, ..clock.clone() };
     let options = beside.options(Role::Controller, scenario.rate_hz, Shared::default());
+    let epoch = Options::default().epoch;
     let (mut link, controllers_end) = memory::pair();
     let (played, served) = std::thread::scope(|scope| {
         let serving = scope.spawn(|| {
             let mut law = Plain { controller: Controller::new(policy, config), config };
             realtime::serve(controllers_end, &mut law, Ends::AtFarewell, &options, stop, || ())
         });
-        let played =
-            args.real_time.play(scenario, &mut link, stop, || (), Shared::default(), recording);
+        let played = args.real_time.play(
+            scenario,
+            &mut link,
+            epoch,
+            stop,
+            || (),
+            Shared::default(),
+            recording,
+        );
         // Also when the run broke off: the controller sees that its leg has left.
         drop(link);
         (played, serving.join().expect("a controller that does not panic"))

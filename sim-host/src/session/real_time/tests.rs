@@ -8,8 +8,8 @@ use controller::host::{Link, Role};
 use controller::wire::{Command, Sample, flags};
 
 use super::*;
-use crate::session::TickRecord;
 use crate::scenario::Settings;
+use crate::session::TickRecord;
 use crate::session::lock_step;
 
 /// A clock that wakes on time, but for one wait that ends too late.
