@@ -2,6 +2,7 @@
 
 use std::ffi::OsString;
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use controller::control::Controller;
 use controller::host::realtime::cli::{RealTimeArgs, parse_cpu};
@@ -11,6 +12,7 @@ use controller::host::{LegLink, Pace, Role, Stop, memory};
 use super::recording::Recording;
 use super::{checked_policy, misuse, run};
 use crate::scenario::Scenario;
+use crate::session::Hooks;
 use crate::session::real_time::{self, OnFall, Options, Played};
 
 /// How to play in real time.
@@ -49,11 +51,12 @@ impl Args {
         epoch: u32,
         stop: &Stop,
         supervise: impl FnMut() + Send,
-        recording: &mut Recording,
+        shared: Shared,
+        hooks: &mut impl Hooks,
     ) -> Played {
-        let loop_options = self.clock.options(Role::Leg, scenario.rate_hz, Shared::default());
+        let loop_options = self.clock.options(Role::Leg, scenario.rate_hz, shared);
         let options = Options { epoch, on_fall: self.on_fall };
-        real_time::run(scenario, link, options, &loop_options, stop, supervise, recording)
+        real_time::run(scenario, link, options, &loop_options, stop, supervise, hooks)
     }
 }
 
@@ -99,7 +102,13 @@ fn two_processes(
     run::meet(scenario, args, terms, stop, recording, |met, epoch, recording| {
         let mut link = met.link;
         let (_, look) = realtime::watch(&link, stop, None, |_| ());
-        Ok(args.real_time.play(scenario, &mut link, epoch, stop, look, recording))
+        let shared = Shared::default();
+        let report = Arc::clone(&shared);
+        let timing = move || serde_json::to_value(&*report.lock().ok()?).ok();
+        let operated =
+            run::operated(&args.domain(), scenario.rate_hz, Pace::RealTime, stop, timing);
+        let mut hooks = (recording, operated);
+        Ok(args.real_time.play(scenario, &mut link, epoch, stop, look, shared, &mut hooks))
     })
 }
 
@@ -125,7 +134,15 @@ fn in_process(
             let mut law = Plain { controller: Controller::new(policy, config), config };
             realtime::serve(controllers_end, &mut law, Ends::AtFarewell, &options, stop, || ())
         });
-        let played = args.real_time.play(scenario, &mut link, epoch, stop, || (), recording);
+        let played = args.real_time.play(
+            scenario,
+            &mut link,
+            epoch,
+            stop,
+            || (),
+            Shared::default(),
+            recording,
+        );
         // Also when the run broke off: the controller sees that its leg has left.
         drop(link);
         (played, serving.join().expect("a controller that does not panic"))
