@@ -13,7 +13,7 @@ type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
 
 /// The library draws on whole units: several of them a pixel make lines smooth.
 const UNITS_PER_PX: u32 = 4;
-const SIZE: (u32, u32) = (px(1_200), px(640));
+const SIZE: (u32, u32) = (px(1_200), px(660));
 const FONT: &str = "sans-serif";
 const INK: RGBColor = RGBColor(38, 44, 56);
 const FAINT: RGBColor = RGBColor(214, 218, 226);
@@ -77,7 +77,8 @@ fn draw_panel(area: &Area<'_>, report: &Report, axis: &Axis) -> Result<(), DrawE
     let mut panel = ChartBuilder::on(area)
         .caption(axis.name, (FONT, px(17)).into_font().color(&INK))
         .margin_right(px(14))
-        .x_label_area_size(px(44))
+        .margin_bottom(px(12))
+        .x_label_area_size(px(40))
         .y_label_area_size(px(48))
         .build_cartesian_2d(x, -4.0..104.0)?;
     panel
@@ -126,7 +127,7 @@ mod tests {
         assert_eq!(svg.matches("<circle").count(), report.rows.len());
         assert!(AXES.iter().all(|axis| svg.contains(axis.unit)));
         assert_eq!(report.csv().lines().count(), 1 + report.rows.len());
-        assert!(report.csv().contains("delay,12,land,4,3,0.75"), "{}", report.csv());
+        assert!(report.csv().contains("delay,6,land,4,3,0.75"), "{}", report.csv());
         assert!(report.to_string().contains("75 %"));
     }
 }

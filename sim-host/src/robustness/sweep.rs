@@ -70,7 +70,7 @@ pub(super) const AXES: [Axis; 6] = [
         unit: "share of messages lost, each way",
         prefix: "drop=",
         suffix: "",
-        levels: [0.0, 0.2, 0.4, 0.6, 0.7, 0.8, 0.9],
+        levels: [0.0, 0.3, 0.5, 0.6, 0.7, 0.8, 0.9],
         none: 0.0,
     },
     Axis {
@@ -78,7 +78,7 @@ pub(super) const AXES: [Axis; 6] = [
         unit: "ticks of 1 ms that messages are late, each way",
         prefix: "delay=",
         suffix: "",
-        levels: [0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0],
+        levels: [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0],
         none: 0.0,
     },
     Axis {
@@ -86,7 +86,7 @@ pub(super) const AXES: [Axis; 6] = [
         unit: "standard deviation of vx, y, vy and leg length, m/s and m",
         prefix: "noise=",
         suffix: "",
-        levels: [0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4],
+        levels: [0.0, 0.01, 0.02, 0.03, 0.05, 0.1, 0.2],
         none: 0.0,
     },
     Axis {
@@ -94,7 +94,7 @@ pub(super) const AXES: [Axis; 6] = [
         unit: "roughness, highest over lowest, m (a height each 0.5 m)",
         prefix: "ground=rough,length=0.5,height=",
         suffix: "",
-        levels: [0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6],
+        levels: [0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0],
         none: 0.0,
     },
     Axis {
@@ -102,7 +102,7 @@ pub(super) const AXES: [Axis; 6] = [
         unit: "the leg's mass over the one it was trained with",
         prefix: "mass=",
         suffix: "",
-        levels: [0.6, 0.8, 0.9, 1.0, 1.1, 1.25, 1.5],
+        levels: [0.8, 0.85, 0.9, 1.0, 1.5, 2.0, 3.0],
         none: 1.0,
     },
     Axis {
@@ -110,7 +110,7 @@ pub(super) const AXES: [Axis; 6] = [
         unit: "the spring's stiffness over the one it was trained with",
         prefix: "stiffness=",
         suffix: "",
-        levels: [0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0],
+        levels: [0.2, 0.35, 0.5, 1.0, 2.0, 4.0, 8.0],
         none: 1.0,
     },
 ];
@@ -144,8 +144,9 @@ struct Case {
 
 fn scenario(axis: &Axis, level: f64, media: Media, seed: u64) -> Result<Scenario, BadValue> {
     let mut settings = Settings {
-        // A hop takes a second on land, two or three in water: time enough for all.
-        duration_s: Some(150.0),
+        // A hop takes a second on land, two in water, and nine in water when the mass is
+        // hardly more than that of the water in its place: time enough for all.
+        duration_s: Some(400.0),
         seed: Some(seed),
         density_profile: Some(media.density_profile()),
         set_point_m_s: Some(0.5),
