@@ -1,29 +1,39 @@
 //! The `controller` command line.
 //!
-//! Exit status 0 when the run ended in good order, 2 for what the user must
-//! change (a bad blob, a bad rate), 1 for anything else.
+//! It stays for run after run, until a signal ends it; [`orders`] reach it
+//! meanwhile. Exit status 0 when all ended in good order, 2 for what the user
+//! must change (a bad blob, a bad rate), 1 for anything else.
+
+mod attend;
+mod beside;
+pub mod orders;
+mod real_time;
 
 use std::fmt;
-use std::io;
+use std::io::{self, Write as _};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
 use super::bench::{self, BenchError};
-use super::blob::{BlobError, PolicyBlob};
-use super::domain::{DEFAULT_DOMAIN, Domain, DomainError};
+use super::blob::BlobError;
+use super::card::{Pace, Role};
+use super::domain::{DEFAULT_DOMAIN, DomainError};
+use super::link::LinkError;
+use super::realtime::LoopReport;
 use super::realtime::cli::RealTimeArgs;
-use super::realtime::{self, Ends, LoopReport, Plain, Served, Shared};
 use super::serial::commands;
-use super::serve::{ServeError, serve};
-use super::shm::{ConnectError, ShmController};
-use super::{LinkError, Pace, Role, Stop, Terms};
-use crate::control::{Config, ConfigError, Controller};
+use super::serve::ServeError;
+use super::shelf::ShelfError;
+use super::shm::ConnectError;
+use crate::control::ConfigError;
 use crate::guard::Counts;
 use crate::policy::Manifest;
 
 /// Longest patience that `--timeout` accepts, s.
 const MAX_TIMEOUT_S: f64 = 86_400.0;
+/// How long a peer is waited for when nobody says.
+const TIMEOUT: Duration = Duration::from_secs(10);
 /// A peer that is not there by then is worth a word.
 pub const SAY_AFTER: Duration = Duration::from_secs(1);
 
@@ -42,11 +52,15 @@ pub struct Call {
 enum Command {
     /// Measure the control law on this machine.
     Bench(bench::Args),
+    Swap(orders::SwapArgs),
+    Status(orders::StatusArgs),
     #[command(flatten)]
     Flashed(commands::Command),
 }
 
-/// Runs a policy on a leg: a command for every sample, in lock-step.
+/// Runs a policy on a leg: a command for every sample, in lock-step, in run
+/// after run. SIGHUP has it read the file of --policy again; that policy takes
+/// over at the next apex.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
     /// The policy blob to run [default: the shipped one].
@@ -59,6 +73,10 @@ pub struct Args {
     /// density estimate needs it).
     #[arg(long, value_name = "M_S2", default_value_t = 9.81, allow_negative_numbers = true)]
     pub gravity: f32,
+    /// End after one run. (Else it stays, and waits for the next leg as long as
+    /// it takes, or as --timeout says.)
+    #[arg(long)]
+    pub once: bool,
     /// Where to find the simulator.
     #[command(flatten)]
     pub meeting: Meeting,
@@ -76,9 +94,9 @@ pub struct Meeting {
     /// Only processes of the same domain see each other [default: default].
     #[arg(long, value_name = "NAME")]
     pub domain: Option<String>,
-    /// How long to wait for a missing or silent peer, s.
-    #[arg(long, value_name = "S", default_value = "10", value_parser = parse_timeout, allow_negative_numbers = true)]
-    pub timeout: Duration,
+    /// How long to wait for a missing or silent peer, s [default: 10].
+    #[arg(long, value_name = "S", value_parser = parse_timeout, allow_negative_numbers = true)]
+    pub timeout: Option<Duration>,
 }
 
 impl Meeting {
@@ -86,6 +104,12 @@ impl Meeting {
     #[must_use]
     pub fn domain(&self) -> &str {
         self.domain.as_deref().unwrap_or(DEFAULT_DOMAIN)
+    }
+
+    /// How long to wait.
+    #[must_use]
+    pub fn timeout(&self) -> Duration {
+        self.timeout.unwrap_or(TIMEOUT)
     }
 }
 
@@ -107,6 +131,9 @@ pub enum CliError {
     /// There is no policy to run.
     #[error(transparent)]
     Policy(#[from] BlobError),
+    /// The policy cannot be kept.
+    #[error("the policy cannot be run: {0}")]
+    Shelf(#[from] ShelfError),
     /// A rate or gravity out of range.
     #[error(transparent)]
     Config(#[from] ConfigError),
@@ -127,12 +154,19 @@ pub enum CliError {
     Bench(#[from] BenchError),
 }
 
+impl Args {
+    fn pace(&self) -> Pace {
+        if self.real_time.real_time { Pace::RealTime } else { Pace::LockStep }
+    }
+}
+
 impl CliError {
     /// Whether the user must change the call, not only call again.
     fn is_misuse(&self) -> bool {
         matches!(
             self,
             Self::Policy(_)
+                | Self::Shelf(_)
                 | Self::Bench(BenchError::Policy(_))
                 | Self::Config(_)
                 | Self::Connect(ConnectError::Domain(DomainError::Name(_)))
@@ -159,8 +193,6 @@ pub struct Summary {
     pub counts: Counts,
     /// The figures of the loop, in real time.
     pub real_time: Option<LoopReport>,
-    /// What ended a loop in real time before its time, if anything did.
-    pub ended: Result<(), LinkError>,
 }
 
 impl Summary {
@@ -181,7 +213,7 @@ impl Summary {
 
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { policy, ticks, apexes, counts, real_time, .. } = self;
+        let Self { policy, ticks, apexes, counts, real_time } = self;
         if let Some(report) = real_time {
             writeln!(f, "{report}")?;
         }
@@ -211,59 +243,9 @@ pub fn other_leg(policy: &Manifest<'_>, played: Option<u32>) -> Option<String> {
     })
 }
 
-/// Runs the controller until the simulator's run is over.
-///
-/// # Errors
-/// [`CliError`], with what to do about it.
-pub fn run(args: &Args) -> Result<Summary, CliError> {
-    let config = Config::at_rate(args.rate)?.with_gravity(args.gravity)?;
-    let blob = PolicyBlob::load(args.policy.as_deref())?;
-    let policy = blob.policy()?;
-    let name = policy.manifest().name.to_owned();
-    let mut controller = Controller::new(policy, config);
-
-    let stop = Stop::on_signals().map_err(CliError::Signals)?;
-    let timeout = args.meeting.timeout;
-    let domain = Domain::join(args.meeting.domain())?;
-    let leg = controller.policy().manifest().leg;
-    let pace = if args.real_time.real_time { Pace::RealTime } else { Pace::LockStep };
-    let terms = Terms::at(args.rate).with_gravity(args.gravity).with_leg(&leg).with_pace(pace);
-    let mut said = false;
-    let mut link = ShmController::connect_watching(&domain, terms, timeout, &stop, |missing| {
-        if !said && missing.waited >= SAY_AFTER {
-            said = true;
-            eprintln!("{}: {missing}; still waiting", Role::Controller);
-        }
-        true
-    })?;
-    if let Some(warning) = other_leg(controller.policy().manifest(), link.peer_leg()) {
-        eprintln!("{}: {warning}", Role::Controller);
-    }
-
-    if pace == Pace::RealTime {
-        let mut law = Plain { controller, config };
-        let options = args.real_time.options(Role::Controller, args.rate, Shared::default());
-        let (gave_up, look) = realtime::watch(&link, &stop, Some(timeout));
-        let Served { ended, samples, last, report } =
-            realtime::serve(link, &mut law, Ends::AtFarewell, &options, &stop, look);
-        let ended = gave_up.get().cloned().map_or(ended, Err);
-        return Ok(Summary {
-            policy: name,
-            ticks: samples,
-            apexes: last.apexes,
-            counts: *law.controller.counts(),
-            real_time: Some(report),
-            ended,
-        });
-    }
-    let mut apexes = 0;
-    let ticks = serve(&mut link, timeout, |sample| {
-        let command = controller.tick(Some(sample));
-        apexes = command.apexes;
-        command
-    })?;
-    let counts = *controller.counts();
-    Ok(Summary { policy: name, ticks, apexes, counts, real_time: None, ended: Ok(()) })
+/// Says something on stderr. A terminal that is closed is no reason to end in a panic.
+fn say(what: impl fmt::Display) {
+    let _ = writeln!(io::stderr(), "{}: {what}", Role::Controller);
 }
 
 /// The whole program after its arguments: runs, reports, and gives the exit
@@ -272,20 +254,21 @@ pub fn run(args: &Args) -> Result<Summary, CliError> {
 pub fn main(call: &Call) -> ExitCode {
     let done = match &call.command {
         Some(Command::Flashed(command)) => return commands::main(command),
+        Some(Command::Swap(args)) => return orders::swap(args),
+        Some(Command::Status(args)) => return orders::status(args),
         Some(Command::Bench(args)) => bench::run(args).map_err(CliError::from),
-        None => run(&call.args).and_then(|summary| {
-            if call.args.json {
-                println!("{}", summary.json());
+        None => attend::run(&call.args, |summary| {
+            let _ = if call.args.json {
+                writeln!(io::stdout(), "{}", summary.json())
             } else {
-                println!("{}: {summary}", Role::Controller);
-            }
-            Ok(summary.ended?)
+                writeln!(io::stdout(), "{}: {summary}", Role::Controller)
+            };
         }),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("{}: {error}", Role::Controller);
+            say(&error);
             ExitCode::from(if error.is_misuse() { 2 } else { 1 })
         }
     }

@@ -85,6 +85,27 @@ pub enum LinkError {
         /// Its process.
         pid: u32,
     },
+    /// The peer is gone, and its role has been taken by another before that was seen.
+    #[error("the {role} (process {pid}) is gone, and process {by} has taken its place")]
+    PeerReplaced {
+        /// Whose role.
+        role: Role,
+        /// The process that is gone.
+        pid: u32,
+        /// The one that has come.
+        by: u32,
+    },
+    /// The peer is gone, and none has come in its place.
+    #[error(
+        "{cause}; none has come for {:.1} s, --timeout sets the patience",
+        *waited_ms as f64 * 1e-3
+    )]
+    NotBack {
+        /// How it went.
+        cause: Box<LinkError>,
+        /// For how long another was waited for, ms.
+        waited_ms: u64,
+    },
     /// This process was told to stop, by a signal.
     #[error("stopped by a signal")]
     Stopped,
@@ -96,4 +117,17 @@ pub enum LinkError {
         /// What the transport says.
         cause: String,
     },
+}
+
+impl LinkError {
+    /// The process of the peer that is gone, if that is what happened.
+    #[must_use]
+    pub fn lost(&self) -> Option<u32> {
+        match self {
+            Self::PeerDied { pid, .. }
+            | Self::PeerLeft { pid, .. }
+            | Self::PeerReplaced { pid, .. } => Some(*pid),
+            Self::NotBack { .. } | Self::Stopped | Self::Transport { .. } => None,
+        }
+    }
 }

@@ -19,12 +19,17 @@ pub mod desk;
 pub mod domain;
 pub mod faults;
 pub mod flash;
+
 pub mod link;
 pub mod memory;
+pub mod office;
+pub mod operated;
+pub mod patient;
 mod payload;
 pub mod realtime;
 pub mod serial;
 pub mod serve;
+pub mod shelf;
 pub mod shm;
 pub mod socket;
 pub mod stop;

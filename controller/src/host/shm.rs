@@ -30,7 +30,7 @@ use iceoryx2::prelude::{
 };
 
 use super::card::{self, Pace, Presence, Refusal, Role, Terms};
-use super::domain::Domain;
+use super::domain::{Domain, other_users};
 use super::link::{Link, LinkError};
 use super::payload::Message;
 use super::stop::Stop;
@@ -172,6 +172,16 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
         mut watch: impl FnMut(&Missing) -> bool,
     ) -> Result<Peer, ConnectError> {
         let start = Instant::now();
+        let Terms { rate_hz, gravity_m_s2, pace, .. } = self.base.terms();
+        let mut missing = Missing {
+            peer: In::SENDER,
+            domain: self.base.domain().name().to_owned(),
+            waited: Duration::ZERO,
+            rate_hz,
+            gravity_m_s2,
+            pace,
+            other_users: other_users(),
+        };
         loop {
             match self.look()? {
                 Some(Turn::Met(peer)) => return Ok(peer),
@@ -187,17 +197,8 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
             if self.stop.is_raised() {
                 return Err(ConnectError::Stopped(In::SENDER));
             }
-            let waited = start.elapsed();
-            let Terms { rate_hz, gravity_m_s2, pace, .. } = self.base.terms();
-            let missing = Missing {
-                peer: In::SENDER,
-                domain: self.base.domain().name().to_owned(),
-                waited,
-                rate_hz,
-                gravity_m_s2,
-                pace,
-            };
-            let left = timeout.map_or(LOOK, |timeout| timeout.saturating_sub(waited));
+            missing.waited = start.elapsed();
+            let left = timeout.map_or(LOOK, |timeout| timeout.saturating_sub(missing.waited));
             if left.is_zero() || !watch(&missing) {
                 return Err(ConnectError::PeerMissing(missing));
             }
@@ -304,7 +305,9 @@ impl<Out: Message, In: Message> Link for ShmLink<Out, In> {
             || self.poll(),
             || match self.check_peer() {
                 // What it sent last still counts, also when it is gone by now.
-                Err(LinkError::PeerLeft { .. }) if self.subscriber.has_samples() == Ok(true) => {
+                Err(LinkError::PeerLeft { .. } | LinkError::PeerReplaced { .. })
+                    if self.subscriber.has_samples() == Ok(true) =>
+                {
                     Ok(())
                 }
                 verdict => verdict,

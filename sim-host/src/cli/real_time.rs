@@ -15,6 +15,7 @@ use crate::session::real_time::{self, OnFall, Options, Played};
 
 /// How to play in real time.
 #[derive(Debug, clap::Args)]
+#[group(skip)]
 pub(super) struct Args {
     #[command(flatten)]
     clock: RealTimeArgs,
@@ -45,12 +46,13 @@ impl Args {
         &self,
         scenario: &Scenario,
         link: &mut impl LegLink,
+        epoch: u32,
         stop: &Stop,
         supervise: impl FnMut() + Send,
         recording: &mut Recording,
     ) -> Played {
         let loop_options = self.clock.options(Role::Leg, scenario.rate_hz, Shared::default());
-        let options = Options { on_fall: self.on_fall, ..Options::default() };
+        let options = Options { epoch, on_fall: self.on_fall };
         real_time::run(scenario, link, options, &loop_options, stop, supervise, recording)
     }
 }
@@ -93,11 +95,11 @@ fn two_processes(
     stop: &Stop,
     recording: &mut Recording,
 ) -> anyhow::Result<Played> {
-    recording.ask_for_policies(&args.domain());
     let terms = scenario.terms().with_pace(Pace::RealTime);
-    run::meet(scenario, args, terms, stop, |mut link| {
-        let (_, look) = realtime::watch(&link, stop, None);
-        Ok(args.real_time.play(scenario, &mut link, stop, look, recording))
+    run::meet(scenario, args, terms, stop, recording, |met, epoch, recording| {
+        let mut link = met.link;
+        let (_, look) = realtime::watch(&link, stop, None, |_| ());
+        Ok(args.real_time.play(scenario, &mut link, epoch, stop, look, recording))
     })
 }
 
@@ -116,13 +118,14 @@ fn in_process(
     let Args { clock, controller_cpu, .. } = &args.real_time;
     let beside = RealTimeArgs { cpu: *controller_cpu, live: false, ..clock.clone() };
     let options = beside.options(Role::Controller, scenario.rate_hz, Shared::default());
+    let epoch = Options::default().epoch;
     let (mut link, controllers_end) = memory::pair();
     let (played, served) = std::thread::scope(|scope| {
         let serving = scope.spawn(|| {
             let mut law = Plain { controller: Controller::new(policy, config), config };
             realtime::serve(controllers_end, &mut law, Ends::AtFarewell, &options, stop, || ())
         });
-        let played = args.real_time.play(scenario, &mut link, stop, || (), recording);
+        let played = args.real_time.play(scenario, &mut link, epoch, stop, || (), recording);
         // Also when the run broke off: the controller sees that its leg has left.
         drop(link);
         (played, serving.join().expect("a controller that does not panic"))

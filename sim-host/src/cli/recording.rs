@@ -12,11 +12,6 @@ use crate::scenario::{Scenario, Settings};
 use crate::session::real_time::Hooks;
 use crate::session::{Options, Outcome, TickRecord};
 
-/// The number of a run that its options do not say otherwise.
-fn epoch() -> u32 {
-    Options::default().epoch
-}
-
 /// A recording under way, if one is wanted.
 #[derive(Debug, Default)]
 pub(super) struct Recording(Option<Active>);
@@ -50,15 +45,20 @@ impl Recording {
     /// The policy of this process's own controller.
     pub(super) fn policy(&self, blob: &[u8], policy: &Policy<'_>) {
         if let Some(active) = &self.0 {
-            active.recorder.notes().policy(PolicyMessage::of(blob, policy, epoch(), 0));
+            active.recorder.notes().policy(PolicyMessage::of(
+                blob,
+                policy,
+                Options::default().epoch,
+                0,
+            ));
         }
     }
 
-    /// From now on asks the controller in `domain` what it runs.
-    pub(super) fn ask_for_policies(&mut self, domain: &str) {
+    /// From now on asks the controller in `domain` what it runs in the run `epoch`.
+    pub(super) fn ask_for_policies(&mut self, domain: &str, epoch: u32) {
         if let Some(active) = &mut self.0 {
             let notes = active.recorder.notes();
-            active.policies = Some(PolicyWatch::begin(domain, epoch(), notes));
+            active.policies = Some(PolicyWatch::begin(domain, epoch, notes));
         }
     }
 

@@ -6,7 +6,8 @@ use std::process::ExitCode;
 use controller::control::{Config, Controller};
 use controller::host::cli::{Meeting as MeetingArgs, SAY_AFTER, other_leg};
 use controller::host::domain::DomainError;
-use controller::host::shm::{ConnectError, ShmLeg};
+use controller::host::patient::Notice;
+use controller::host::shm::ConnectError;
 use controller::host::{Pace, Role, Stop, Terms};
 use controller::policy::Policy;
 use controller::wire::Sample;
@@ -17,8 +18,8 @@ use crate::scenario::{self, Scenario, Settings};
 use crate::session::child::ControllerCall;
 use crate::session::lock_step::{self, Options};
 use crate::session::stepped;
-use crate::session::two_processes::{self, Meeting, PlayError};
-use crate::session::{Ending, Outcome};
+use crate::session::two_processes::{self, Meeting, Met, News, PlayError, epoch_now};
+use crate::session::{Ending, Outcome, TickRecord};
 
 /// Plays a scenario to a controller, in lock-step or in real time.
 #[derive(Debug, clap::Args)]
@@ -156,26 +157,29 @@ fn over_shared_memory(
     recording: &mut Recording,
 ) -> anyhow::Result<Outcome> {
     let stop = Stop::on_signals()?;
-    let options = Options { timeout: args.meeting.timeout, ..Options::default() };
-    recording.ask_for_policies(&args.domain());
-    meet(scenario, args, scenario.terms(), &stop, |mut link| {
-        Ok(lock_step::run(scenario, &mut link, options, |tick| recording.push(tick))?)
+    let timeout = args.meeting.timeout();
+    meet(scenario, args, scenario.terms(), &stop, recording, |met, epoch, recording| {
+        let observe = |tick: &TickRecord| recording.push(tick);
+        let options = Options { epoch, timeout };
+        Ok(lock_step::run(scenario, &mut met.in_lock_step(), options, observe)?)
     })
 }
 
-/// Plays by `run` once a controller is there, by the options that say where.
+/// Plays by `run` once a controller is there, by the options that say where;
+/// `run` is told the number of the run.
 pub(super) fn meet<R>(
     scenario: &Scenario,
     args: &Args,
     terms: Terms,
     stop: &Stop,
-    run: impl FnOnce(ShmLeg) -> Result<R, PlayError>,
+    recording: &mut Recording,
+    run: impl FnOnce(Met<'_>, u32, &mut Recording) -> Result<R, PlayError>,
 ) -> anyhow::Result<R> {
     let domain = args.domain();
     if args.spawn {
         checked_policy(args.policy.as_deref())?;
     }
-    let timeout = args.meeting.timeout;
+    let timeout = args.meeting.timeout();
     let start = args.spawn.then(|| ControllerCall {
         policy: args.policy.clone(),
         rate_hz: scenario.rate_hz,
@@ -186,13 +190,20 @@ pub(super) fn meet<R>(
     });
     let quiet = start.is_some();
     let mut said = false;
-    let tell = |missing: &controller::host::shm::Missing| {
-        if !(said || quiet) && missing.waited >= SAY_AFTER {
+    let tell = |news: News<'_>| match news {
+        News::Missing(missing) if !(said || quiet) && missing.waited >= SAY_AFTER => {
             said = true;
             eprintln!("sim-host: {missing}; still waiting");
         }
+        // One that was started here is not waited for: its loss is the end, and said there.
+        News::Missing(_) | News::Notice(Notice::Lost { .. }) if quiet => (),
+        News::Missing(_) => (),
+        News::Notice(notice) => eprintln!("sim-host: {notice}"),
     };
-    let meeting = Meeting { domain, timeout, start };
+    let epoch = epoch_now();
+    recording.ask_for_policies(&domain, epoch);
+    let meeting = Meeting { domain, timeout, start, epoch };
+    let run = |met: Met<'_>| run(met, epoch, recording);
     two_processes::play_by(terms, &meeting, stop, tell, run).map_err(|error| match &error {
         PlayError::Connect(ConnectError::Domain(DomainError::Name(_))) => misuse(error),
         PlayError::Controller(status) if status.code() == Some(2) => misuse(error),

@@ -15,7 +15,7 @@ use crate::output::Pending;
 use crate::scenario::{Scenario, Settings};
 use crate::session::TickRecord;
 use crate::session::child::ControllerCall;
-use crate::session::two_processes::{self, Meeting};
+use crate::session::two_processes::{self, Meeting, epoch_now};
 use crate::shore::track::ApexMark;
 use crate::shore::{Recorder, picture};
 
@@ -53,7 +53,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let mut recorder = Recorder::default();
     let stop = Stop::on_signals()?;
     let meeting = meeting(args, &scenario);
-    recording.ask_for_policies(&meeting.domain);
+    recording.ask_for_policies(&meeting.domain, meeting.epoch);
     let outcome = two_processes::play(
         &scenario,
         &meeting,
@@ -100,7 +100,7 @@ fn meeting(args: &Args, scenario: &Scenario) -> Meeting {
         timeout: TIMEOUT,
         real_time: Vec::new(),
     };
-    Meeting { domain, timeout: TIMEOUT, start: Some(call) }
+    Meeting { domain, timeout: TIMEOUT, start: Some(call), epoch: epoch_now() }
 }
 
 /// The picture's file, begun, and its path.

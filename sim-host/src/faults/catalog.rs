@@ -199,9 +199,8 @@ impl Kind {
     #[must_use]
     pub fn counted(self) -> &'static str {
         match self {
-            Self::Mass | Self::Stiffness | Self::Medium => "ticks",
+            Self::Mass | Self::Stiffness | Self::Medium | Self::Freeze => "ticks",
             Self::Ground => "touchdowns above or below 0",
-            Self::Freeze => "ticks",
             Self::Noise | Self::Bias | Self::Stuck | Self::Nan => "samples",
             Self::Lag | Self::Saturate => "commands",
             _ => "messages",

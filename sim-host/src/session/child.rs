@@ -33,7 +33,7 @@ impl ControllerCall {
     /// The arguments of the `controller` program that say this.
     #[must_use]
     pub fn arguments(&self) -> Vec<OsString> {
-        let mut arguments: Vec<OsString> = Vec::new();
+        let mut arguments: Vec<OsString> = vec!["--once".into()];
         if let Some(policy) = &self.policy {
             arguments.extend(["--policy".into(), policy.into()]);
         }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use super::super::card::Role;
 use super::super::link::LinkError;
 use super::super::payload::Message;
-use super::super::shm::{Keeper, ShmLink, Turn};
+use super::super::shm::{Keeper, Peer, ShmLink, Turn};
 use super::super::stop::Stop;
 
 /// The end of a loop's patience: how the peer was lost that has not come back.
@@ -15,19 +15,23 @@ pub type GaveUp = Arc<OnceLock<LinkError>>;
 /// What the supervisor of the loop of `link` is to do: the returned function
 /// looks whether the peer is there, and says on stderr who was lost, or refused.
 /// With a `patience`, a peer that is gone for longer than that ends the loop, by
-/// `stop`, and is named in the returned cell.
-pub fn watch<Out: Message, In: Message>(
+/// `stop`, and is named in the returned cell. Whoever comes is shown to `greet`.
+pub fn watch<Out: Message, In: Message, G: FnMut(Peer) + Send>(
     link: &ShmLink<Out, In>,
     stop: &Stop,
     patience: Option<Duration>,
-) -> (GaveUp, impl FnMut() + Send + use<Out, In>) {
+    mut greet: G,
+) -> (GaveUp, impl FnMut() + Send + use<Out, In, G>) {
     let gave_up = GaveUp::default();
     let (keeper, stop, told) = (link.keeper(), stop.clone(), Arc::clone(&gave_up));
     let mut lost: Option<(Instant, LinkError)> = None;
     let look = move || {
         match look(&keeper, Out::SENDER) {
             Some(Turn::Lost(cause)) => lost = Some((Instant::now(), cause)),
-            Some(Turn::Met(_)) => lost = None,
+            Some(Turn::Met(peer)) => {
+                lost = None;
+                greet(peer);
+            }
             Some(Turn::Refused(_)) | None => (),
         }
         if let (Some((since, cause)), Some(patience)) = (&lost, patience)

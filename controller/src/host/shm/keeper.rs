@@ -14,6 +14,7 @@ use iceoryx2::prelude::{CallbackProgression, Node, PortFactory as _, ipc};
 use super::service::Service;
 use super::{ConnectError, disagreement, failed};
 use crate::host::card::{self, Card, Held, Presence, Role, Terms};
+use crate::host::desk::requests::PeerStatus;
 use crate::host::domain::Domain;
 use crate::host::link::LinkError;
 use crate::host::payload::Message;
@@ -86,6 +87,9 @@ pub(super) struct Base<Out: Message, In: Message> {
     ground: Mutex<Ground>,
     /// [`key`] of the publisher whose messages count.
     heard: AtomicU64,
+    /// Peers met, and lost again.
+    met: AtomicU64,
+    gone: AtomicU64,
     terms: Terms,
     domain: Arc<Domain>,
 }
@@ -111,6 +115,8 @@ impl<Out: Message, In: Message> Base<Out, In> {
             incoming,
             ground: Mutex::new(Ground { standing, lost, refused, node, role }),
             heard: AtomicU64::new(0),
+            met: AtomicU64::new(0),
+            gone: AtomicU64::new(0),
             terms,
             domain: Arc::clone(domain),
         }
@@ -154,7 +160,11 @@ impl<Out: Message, In: Message> Base<Out, In> {
         let seen = card::presence(&self.domain, In::SENDER)
             .map_err(|cause| failed(&self.domain, "look for the peer", &cause))?;
         match ground.standing {
-            Standing::Met(peer) => Ok(Self::check(ground, seen, peer)),
+            Standing::Met(peer) => {
+                let lost = Self::check(ground, seen, peer);
+                self.gone.fetch_add(u64::from(lost.is_some()), Ordering::Relaxed);
+                Ok(lost)
+            }
             Standing::Alone | Standing::Greeted(_) => self.approach(ground, seen, map),
         }
     }
@@ -165,12 +175,14 @@ impl<Out: Message, In: Message> Base<Out, In> {
         let lost = match seen {
             Presence::Alive(Some(card)) if card.pid == pid => return None,
             Presence::Absent => LinkError::PeerLeft { role, pid },
-            // Dead, or so long dead that another has taken its place.
-            Presence::Dead | Presence::Alive(_) => {
-                ground.node.try_cleanup_dead_nodes();
-                LinkError::PeerDied { role, pid }
-            }
+            // Another is about to write its card.
+            Presence::Alive(None) => return None,
+            Presence::Alive(Some(card)) => LinkError::PeerReplaced { role, pid, by: card.pid },
+            Presence::Dead => LinkError::PeerDied { role, pid },
         };
+        if !matches!(lost, LinkError::PeerLeft { .. }) {
+            ground.node.try_cleanup_dead_nodes();
+        }
         // What it sent last still counts: the key stays until the next is greeted.
         ground.standing = Standing::Alone;
         ground.lost = Some(lost.clone());
@@ -204,6 +216,7 @@ impl<Out: Message, In: Message> Base<Out, In> {
         };
         ground.standing = Standing::Met(peer);
         (ground.lost, ground.refused) = (None, None);
+        self.met.fetch_add(1, Ordering::Relaxed);
         Ok(Some(Turn::Met(peer)))
     }
 
@@ -269,5 +282,15 @@ impl<Out: Message, In: Message> Keeper<Out, In> {
     #[must_use]
     pub fn peer(&self) -> Option<Peer> {
         self.0.peer()
+    }
+
+    /// The same for a status, with the times that one was met and lost.
+    #[must_use]
+    pub fn status(&self) -> PeerStatus {
+        PeerStatus {
+            pid: self.peer().map(|peer| peer.pid),
+            met: self.0.met.load(Ordering::Relaxed),
+            lost: self.0.gone.load(Ordering::Relaxed),
+        }
     }
 }
