@@ -15,6 +15,7 @@
 
 mod error;
 mod keeper;
+mod observer;
 mod service;
 
 use std::fmt::Display;
@@ -39,6 +40,7 @@ use crate::wire::{Command, Sample};
 pub use error::{ConnectError, Missing};
 use keeper::Base;
 pub use keeper::{Keeper, Peer, Turn};
+pub use observer::{Observer, Players};
 pub use service::config;
 use service::{service, settle};
 

@@ -7,11 +7,13 @@
 mod apex;
 mod bench;
 mod bridge;
+mod plot;
 mod real_time;
 mod recording;
 mod replay;
 mod run;
 mod shore;
+mod watch;
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -39,8 +41,12 @@ enum Command {
     Controller(controller::host::cli::Call),
     /// Be the controller by way of a flashed one, on a serial line.
     Bridge(Box<bridge::Args>),
+    /// Watch a running leg in the terminal, and operate it.
+    Watch(watch::Args),
     /// Replay a recording: are the commands those of its controller, bit for bit?
     Replay(replay::Args),
+    /// Draw a recording as an SVG picture.
+    Plot(plot::Args),
     /// Write a recording: what `run --record` starts.
     #[command(hide = true)]
     Recorder {
@@ -65,7 +71,9 @@ pub fn main() -> ExitCode {
         None => shore::main(&program.shore),
         Some(Command::Run(args)) => run::main(&args),
         Some(Command::Bridge(args)) => bridge::main(&args),
+        Some(Command::Watch(args)) => watch::main(&args),
         Some(Command::Replay(args)) => replay::main(&args),
+        Some(Command::Plot(args)) => plot::main(&args),
         Some(Command::Recorder { path }) => return crate::record::recorder(&path),
         Some(Command::Apex(args)) => apex::main(&args),
         Some(Command::Bench { what }) => bench::main(&what),

@@ -4,7 +4,6 @@ use std::ffi::OsString;
 use std::process::ExitCode;
 
 use controller::control::Controller;
-use controller::host::cli::other_leg;
 use controller::host::realtime::cli::{RealTimeArgs, parse_cpu};
 use controller::host::realtime::{self, Ends, LoopReport, Plain, Shared};
 use controller::host::{LegLink, Pace, Role, Stop, memory};
@@ -12,8 +11,8 @@ use controller::host::{LegLink, Pace, Role, Stop, memory};
 use super::recording::Recording;
 use super::{checked_policy, misuse, run};
 use crate::scenario::Scenario;
-use crate::session::TickRecord;
-use crate::session::real_time::{self, Hooks, OnFall, Options, Played};
+use crate::session::real_time::{self, OnFall, Options, Played};
+use crate::session::two_processes::{Met, epoch_now};
 
 /// How to play in real time.
 #[derive(Debug, clap::Args)]
@@ -33,8 +32,8 @@ pub(super) struct Args {
 }
 
 impl Args {
-    pub(super) fn pace(&self) -> Pace {
-        if self.clock.real_time { Pace::RealTime } else { Pace::LockStep }
+    pub(super) fn is_on(&self) -> bool {
+        self.clock.real_time
     }
 
     /// What a controller is to be started with.
@@ -58,12 +57,6 @@ impl Args {
     }
 }
 
-impl Hooks for Recording {
-    fn observe(&mut self, tick: &TickRecord<'_>) {
-        self.push(tick);
-    }
-}
-
 pub(super) fn main(
     scenario: &Scenario,
     args: &run::Args,
@@ -73,17 +66,10 @@ pub(super) fn main(
     let played = if args.in_process {
         in_process(scenario, args, &stop, &mut recording)
     } else {
-        let terms = scenario.terms().with_pace(Pace::RealTime);
-        run::meet(scenario, args, terms, &stop, &mut recording, |met, epoch, recording| {
-            let mut link = met.link;
-            let (_, look) = realtime::watch(&link, &stop, None, |_| ());
-            Ok(args.real_time.play(scenario, &mut link, epoch, &stop, look, recording))
-        })
-        .map(|played| (played, None))
+        two_processes(scenario, args, &stop, &mut recording).map(|played| (played, None))
     };
     let recorded = recording.finish(played.as_ref().map(|(played, _)| &played.outcome));
-    let (played, controller) = played?;
-    let Played { ended, outcome, report } = played;
+    let (Played { ended, outcome, report }, controller) = played?;
     if args.json {
         let mut json = serde_json::to_value(outcome.report())?;
         json["pace"] = serde_json::to_value(Pace::RealTime)?;
@@ -103,6 +89,21 @@ pub(super) fn main(
     Ok(status)
 }
 
+fn two_processes(
+    scenario: &Scenario,
+    args: &run::Args,
+    stop: &Stop,
+    recording: &mut Recording,
+) -> anyhow::Result<Played> {
+    let epoch = epoch_now();
+    recording.ask_for_policies(&args.domain(), epoch);
+    let terms = scenario.terms().with_pace(Pace::RealTime);
+    run::meet(scenario, args, terms, epoch, stop, |Met { mut link, .. }| {
+        let (_, look) = realtime::watch(&link, stop, None, |_| ());
+        Ok(args.real_time.play(scenario, &mut link, epoch, stop, look, recording))
+    })
+}
+
 /// Both loops as threads of this process.
 fn in_process(
     scenario: &Scenario,
@@ -112,10 +113,7 @@ fn in_process(
 ) -> anyhow::Result<(Played, Option<LoopReport>)> {
     let blob = checked_policy(args.policy.as_deref())?;
     let policy = blob.policy().map_err(misuse)?;
-    let leg = scenario.leg_model().fingerprint();
-    if let Some(warning) = other_leg(policy.manifest(), Some(leg)) {
-        eprintln!("sim-host: {warning}");
-    }
+    run::warn_of_other_leg(&policy, scenario);
     recording.policy(blob.as_slice(), &policy);
     let config = run::controller_config(scenario)?;
     let Args { clock, controller_cpu, .. } = &args.real_time;

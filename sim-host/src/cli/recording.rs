@@ -9,6 +9,7 @@ use super::misuse;
 use crate::record::schema::{Config, End, Policy as PolicyMessage};
 use crate::record::{OnFull, PolicyWatch, RecordError, Recorder, Tap};
 use crate::scenario::{Scenario, Settings};
+use crate::session::real_time::Hooks;
 use crate::session::{Options, Outcome, TickRecord};
 
 /// A recording under way, if one is wanted.
@@ -88,5 +89,11 @@ impl Recording {
             );
         }
         Ok(())
+    }
+}
+
+impl Hooks for Recording {
+    fn observe(&mut self, tick: &TickRecord<'_>) {
+        self.push(tick);
     }
 }

@@ -10,6 +10,7 @@ use controller::host::memory::Inline;
 use controller::host::patient::Notice;
 use controller::host::shm::ConnectError;
 use controller::host::{Pace, Role, Stop, Terms};
+use controller::policy::Policy;
 
 use super::recording::Recording;
 use super::{checked_policy, misuse, real_time};
@@ -17,7 +18,7 @@ use crate::scenario::{self, Scenario, Settings};
 use crate::session::child::ControllerCall;
 use crate::session::lock_step::{self, Options};
 use crate::session::two_processes::{self, Meeting, Met, News, PlayError, epoch_now};
-use crate::session::{Ending, Outcome, TickRecord};
+use crate::session::{Ending, Outcome};
 
 /// Plays a scenario to a controller, in lock-step or in real time.
 #[derive(Debug, clap::Args)]
@@ -58,9 +59,9 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
              or give the policy to the controller that you start",
         ));
     }
-    let record = args.record.as_deref();
-    let mut recording = Recording::begin(record, &settings, &scenario, args.real_time.pace())?;
-    if args.real_time.pace() == Pace::RealTime {
+    let pace = if args.real_time.is_on() { Pace::RealTime } else { Pace::LockStep };
+    let mut recording = Recording::begin(args.record.as_deref(), &settings, &scenario, pace)?;
+    if args.real_time.is_on() {
         return real_time::main(&scenario, args, recording);
     }
     let outcome = if args.in_process {
@@ -91,6 +92,18 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     Ok(status)
 }
 
+impl Args {
+    /// Where to meet the controller.
+    pub(super) fn domain(&self) -> String {
+        if self.spawn && self.meeting.domain.is_none() {
+            // Of its own: so that runs that start their controller never meet.
+            format!("run-{}", std::process::id())
+        } else {
+            self.meeting.domain().to_owned()
+        }
+    }
+}
+
 /// What is to be said of a run beside its figures, and the exit status.
 pub(super) fn verdict(outcome: &Outcome) -> ExitCode {
     if outcome.all_safe() {
@@ -108,6 +121,14 @@ pub(super) fn verdict(outcome: &Outcome) -> ExitCode {
     ExitCode::SUCCESS
 }
 
+/// Says that a policy of this process's own controller is for another leg.
+pub(super) fn warn_of_other_leg(policy: &Policy<'_>, scenario: &Scenario) {
+    let leg = scenario.leg_model().fingerprint();
+    if let Some(warning) = other_leg(policy.manifest(), Some(leg)) {
+        eprintln!("sim-host: {warning}");
+    }
+}
+
 /// How the controller of a scenario is run.
 pub(super) fn controller_config(scenario: &Scenario) -> anyhow::Result<Config> {
     Config::at_rate(scenario.rate_hz)
@@ -122,10 +143,7 @@ fn in_process(
 ) -> anyhow::Result<Outcome> {
     let blob = checked_policy(policy)?;
     let policy = blob.policy().map_err(misuse)?;
-    let leg = scenario.leg_model().fingerprint();
-    if let Some(warning) = other_leg(policy.manifest(), Some(leg)) {
-        eprintln!("sim-host: {warning}");
-    }
+    warn_of_other_leg(&policy, scenario);
     recording.policy(blob.as_slice(), &policy);
     let mut controller = Controller::new(policy, controller_config(scenario)?);
     let mut link = Inline::new(|sample| controller.tick(Some(sample)));
@@ -138,30 +156,26 @@ fn over_shared_memory(
     recording: &mut Recording,
 ) -> anyhow::Result<Outcome> {
     let stop = Stop::on_signals()?;
-    let timeout = args.meeting.timeout();
-    meet(scenario, args, scenario.terms(), &stop, recording, |met, epoch, recording| {
-        let observe = |tick: &TickRecord| recording.push(tick);
-        let options = Options { epoch, timeout };
-        Ok(lock_step::run(scenario, &mut met.in_lock_step(), options, observe)?)
+    let options = Options { epoch: epoch_now(), timeout: args.meeting.timeout() };
+    let Options { epoch, .. } = options;
+    recording.ask_for_policies(&args.domain(), epoch);
+    meet(scenario, args, scenario.terms(), epoch, &stop, |met| {
+        let mut link = met.in_lock_step();
+        Ok(lock_step::run(scenario, &mut link, options, |tick| recording.push(tick))?)
     })
 }
 
-/// Plays by `run` once a controller is there, by the options that say where;
-/// `run` is told the number of the run.
+/// Plays the run `epoch` by `run` once a controller is there, by the options
+/// that say where.
 pub(super) fn meet<R>(
     scenario: &Scenario,
     args: &Args,
     terms: Terms,
+    epoch: u32,
     stop: &Stop,
-    recording: &mut Recording,
-    run: impl FnOnce(Met<'_>, u32, &mut Recording) -> Result<R, PlayError>,
+    run: impl FnOnce(Met<'_>) -> Result<R, PlayError>,
 ) -> anyhow::Result<R> {
-    let domain = if args.spawn && args.meeting.domain.is_none() {
-        // Of its own: so that runs that start their controller never meet.
-        format!("run-{}", std::process::id())
-    } else {
-        args.meeting.domain().to_owned()
-    };
+    let domain = args.domain();
     if args.spawn {
         checked_policy(args.policy.as_deref())?;
     }
@@ -182,14 +196,11 @@ pub(super) fn meet<R>(
             eprintln!("sim-host: {missing}; still waiting");
         }
         // One that was started here is not waited for: its loss is the end, and said there.
-        News::Missing(_) | News::Notice(Notice::Lost { .. }) if quiet => (),
+        News::Notice(Notice::Lost { .. }) if quiet => (),
         News::Missing(_) => (),
         News::Notice(notice) => eprintln!("sim-host: {notice}"),
     };
-    let epoch = epoch_now();
-    recording.ask_for_policies(&domain, epoch);
     let meeting = Meeting { domain, timeout, start, epoch };
-    let run = |met: Met<'_>| run(met, epoch, recording);
     two_processes::play_by(terms, &meeting, stop, tell, run).map_err(|error| match &error {
         PlayError::Connect(ConnectError::Domain(DomainError::Name(_))) => misuse(error),
         PlayError::Controller(status) if status.code() == Some(2) => misuse(error),
@@ -197,7 +208,6 @@ pub(super) fn meet<R>(
     })
 }
 
-/// How the leg fared.
 pub(super) fn print_summary(outcome: &Outcome) {
     let report = outcome.report();
     let ending = match outcome.ending {

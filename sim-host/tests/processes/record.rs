@@ -129,6 +129,28 @@ fn a_recorded_run_is_the_same_run_and_replays_bit_for_bit() {
 }
 
 #[test]
+fn a_recording_is_drawn_over_any_stretch_of_its_time() {
+    let place = Place::new();
+    let (path, svg) = (place.file("run.mcap"), place.file("run.svg"));
+    let run = ["--in-process", "--duration", "10", "--record", text(&path)];
+    place.alone(&run).end().assert_ok();
+    let plot = |more: &[&str]| {
+        let own = [text(&path), "-o", text(&svg)];
+        place.start("plot", &[&own[..], more].concat()).end()
+    };
+    plot(&[]).assert_ok();
+    let dots = |svg: &Path| fs::read_to_string(svg).unwrap().matches("<circle").count();
+    let all = dots(&svg);
+    assert!(all > 20, "{all}");
+    plot(&["--from", "2", "--until", "5"]).assert_ok();
+    assert!((1..all).contains(&dots(&svg)), "{}", dots(&svg));
+    plot(&["--from", "11"]).assert(2, &["nothing of it lies between", "11", "9.999"]);
+    plot(&["--from", "5", "--until", "2"]).assert(2, &["--from 5 --until 2"]);
+    let other = place.policy();
+    place.start("plot", &[text(&other), "-o", text(&svg)]).end().assert(2, &["not an MCAP file"]);
+}
+
+#[test]
 fn a_scenario_is_recorded_as_a_file_that_says_the_same() {
     let text = "rate_hz = 500\nduration_s = 0.1\nseed = 18446744073709551615\n\
                 density_profile = [[1.0, 0.30000000000000004], [2.0, 0.0]]\ngravity_m_s2 = 1.62\n\
