@@ -16,6 +16,7 @@ use crate::session::two_processes::{Met, epoch_now};
 
 /// How to play in real time.
 #[derive(Debug, clap::Args)]
+#[group(id = "real_time_of_leg")]
 pub(super) struct Args {
     #[command(flatten)]
     clock: RealTimeArgs,
