@@ -3,6 +3,7 @@
 pub mod bench;
 pub mod bridge;
 pub mod cli;
+pub mod faults;
 pub mod operate;
 pub mod output;
 pub mod plant;

@@ -31,6 +31,30 @@ pub trait Link {
     /// [`LinkError`] when the peer is gone and left nothing to take, when the
     /// process was told to stop, or when the transport fails.
     fn receive(&mut self, timeout: Duration) -> Result<Option<Self::Receives>, LinkError>;
+
+    /// Whether a session in lock-step is to go on with what it has, and not wait
+    /// for the answer to what it sent last: never on a plain link, whose answer
+    /// comes; middleware that loses or delays messages says so after a receive.
+    fn is_settled(&self) -> bool {
+        false
+    }
+}
+
+impl<L: Link + ?Sized> Link for &mut L {
+    type Sends = L::Sends;
+    type Receives = L::Receives;
+
+    fn send(&mut self, message: &L::Sends) -> Result<(), LinkError> {
+        (**self).send(message)
+    }
+
+    fn receive(&mut self, timeout: Duration) -> Result<Option<L::Receives>, LinkError> {
+        (**self).receive(timeout)
+    }
+
+    fn is_settled(&self) -> bool {
+        (**self).is_settled()
+    }
 }
 
 /// The leg's end: sends samples, receives commands.

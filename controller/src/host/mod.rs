@@ -17,6 +17,7 @@ pub mod cli;
 pub mod conformance;
 pub mod desk;
 pub mod domain;
+pub mod faults;
 pub mod flash;
 
 pub mod link;

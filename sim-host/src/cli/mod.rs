@@ -7,6 +7,7 @@
 mod apex;
 mod bench;
 mod bridge;
+mod faults;
 mod plot;
 mod real_time;
 mod recording;
@@ -53,6 +54,8 @@ enum Command {
         /// The file.
         path: PathBuf,
     },
+    /// List the faults that `run --fault` can put into a run.
+    Faults,
     /// Measure what a tick costs on this machine.
     Bench {
         /// What.
@@ -66,6 +69,9 @@ enum Command {
 /// Runs the program; gives its exit status.
 #[must_use]
 pub fn main() -> ExitCode {
+    if faults::asked_for() {
+        return faults::main();
+    }
     let program = Program::parse();
     let outcome = match program.command {
         None => shore::main(&program.shore),
@@ -73,6 +79,7 @@ pub fn main() -> ExitCode {
         Some(Command::Bridge(args)) => bridge::main(&args),
         Some(Command::Watch(args)) => watch::main(&args),
         Some(Command::Replay(args)) => replay::main(&args),
+        Some(Command::Faults) => return faults::main(),
         Some(Command::Plot(args)) => plot::main(&args),
         Some(Command::Recorder { path }) => return crate::record::recorder(&path),
         Some(Command::Apex(args)) => apex::main(&args),

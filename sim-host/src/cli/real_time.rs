@@ -12,11 +12,10 @@ use super::recording::Recording;
 use super::{checked_policy, misuse, run};
 use crate::scenario::Scenario;
 use crate::session::real_time::{self, OnFall, Options, Played};
-use crate::session::two_processes::{Met, epoch_now};
 
 /// How to play in real time.
 #[derive(Debug, clap::Args)]
-#[group(id = "real_time_of_leg")]
+#[group(skip)]
 pub(super) struct Args {
     #[command(flatten)]
     clock: RealTimeArgs,
@@ -96,10 +95,9 @@ fn two_processes(
     stop: &Stop,
     recording: &mut Recording,
 ) -> anyhow::Result<Played> {
-    let epoch = epoch_now();
-    recording.ask_for_policies(&args.domain(), epoch);
     let terms = scenario.terms().with_pace(Pace::RealTime);
-    run::meet(scenario, args, terms, epoch, stop, |Met { mut link, .. }| {
+    run::meet(scenario, args, terms, stop, recording, |met, epoch, recording| {
+        let mut link = met.link;
         let (_, look) = realtime::watch(&link, stop, None, |_| ());
         Ok(args.real_time.play(scenario, &mut link, epoch, stop, look, recording))
     })

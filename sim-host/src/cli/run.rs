@@ -6,19 +6,20 @@ use std::process::ExitCode;
 use controller::control::{Config, Controller};
 use controller::host::cli::{Meeting as MeetingArgs, SAY_AFTER, other_leg};
 use controller::host::domain::DomainError;
-use controller::host::memory::Inline;
 use controller::host::patient::Notice;
 use controller::host::shm::ConnectError;
 use controller::host::{Pace, Role, Stop, Terms};
 use controller::policy::Policy;
+use controller::wire::Sample;
 
 use super::recording::Recording;
 use super::{checked_policy, misuse, real_time};
 use crate::scenario::{self, Scenario, Settings};
 use crate::session::child::ControllerCall;
 use crate::session::lock_step::{self, Options};
+use crate::session::stepped;
 use crate::session::two_processes::{self, Meeting, Met, News, PlayError, epoch_now};
-use crate::session::{Ending, Outcome};
+use crate::session::{Ending, Outcome, TickRecord};
 
 /// Plays a scenario to a controller, in lock-step or in real time.
 #[derive(Debug, clap::Args)]
@@ -146,8 +147,8 @@ fn in_process(
     warn_of_other_leg(&policy, scenario);
     recording.policy(blob.as_slice(), &policy);
     let mut controller = Controller::new(policy, controller_config(scenario)?);
-    let mut link = Inline::new(|sample| controller.tick(Some(sample)));
-    Ok(lock_step::run(scenario, &mut link, Options::default(), |tick| recording.push(tick))?)
+    let law = |sample: Option<&Sample>| controller.tick(sample);
+    Ok(stepped::run(scenario, law, Options::default(), |tick| recording.push(tick))?)
 }
 
 fn over_shared_memory(
@@ -156,24 +157,23 @@ fn over_shared_memory(
     recording: &mut Recording,
 ) -> anyhow::Result<Outcome> {
     let stop = Stop::on_signals()?;
-    let options = Options { epoch: epoch_now(), timeout: args.meeting.timeout() };
-    let Options { epoch, .. } = options;
-    recording.ask_for_policies(&args.domain(), epoch);
-    meet(scenario, args, scenario.terms(), epoch, &stop, |met| {
-        let mut link = met.in_lock_step();
-        Ok(lock_step::run(scenario, &mut link, options, |tick| recording.push(tick))?)
+    let timeout = args.meeting.timeout();
+    meet(scenario, args, scenario.terms(), &stop, recording, |met, epoch, recording| {
+        let observe = |tick: &TickRecord| recording.push(tick);
+        let options = Options { epoch, timeout };
+        Ok(lock_step::run(scenario, &mut met.in_lock_step(), options, observe)?)
     })
 }
 
-/// Plays the run `epoch` by `run` once a controller is there, by the options
-/// that say where.
+/// Plays by `run` once a controller is there, by the options that say where;
+/// `run` is told the number of the run.
 pub(super) fn meet<R>(
     scenario: &Scenario,
     args: &Args,
     terms: Terms,
-    epoch: u32,
     stop: &Stop,
-    run: impl FnOnce(Met<'_>) -> Result<R, PlayError>,
+    recording: &mut Recording,
+    run: impl FnOnce(Met<'_>, u32, &mut Recording) -> Result<R, PlayError>,
 ) -> anyhow::Result<R> {
     let domain = args.domain();
     if args.spawn {
@@ -196,11 +196,14 @@ pub(super) fn meet<R>(
             eprintln!("sim-host: {missing}; still waiting");
         }
         // One that was started here is not waited for: its loss is the end, and said there.
-        News::Notice(Notice::Lost { .. }) if quiet => (),
+        News::Missing(_) | News::Notice(Notice::Lost { .. }) if quiet => (),
         News::Missing(_) => (),
         News::Notice(notice) => eprintln!("sim-host: {notice}"),
     };
+    let epoch = epoch_now();
+    recording.ask_for_policies(&domain, epoch);
     let meeting = Meeting { domain, timeout, start, epoch };
+    let run = |met: Met<'_>| run(met, epoch, recording);
     two_processes::play_by(terms, &meeting, stop, tell, run).map_err(|error| match &error {
         PlayError::Connect(ConnectError::Domain(DomainError::Name(_))) => misuse(error),
         PlayError::Controller(status) if status.code() == Some(2) => misuse(error),
@@ -224,4 +227,5 @@ pub(super) fn print_summary(outcome: &Outcome) {
         "hops {}, apexes {}, falls {}, ticks in the safe state {}, samples rejected {}",
         report.hops, report.apexes, report.falls, report.safe_ticks, report.rejected
     );
+    report.faults.iter().for_each(|fault| println!("{fault}"));
 }

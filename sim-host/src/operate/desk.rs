@@ -97,7 +97,7 @@ fn obey(board: &Board, pace: Pace, request: &LegRequest) -> Result<(), String> {
         LegRequest::SetPoint { m_s: None } => board.order(None),
         LegRequest::SetPoint { m_s: Some(m_s) } => {
             let limit = f64::from(Limits::default().max_speed_m_s);
-            if !(m_s.abs() <= limit) {
+            if m_s.is_nan() || m_s.abs() > limit {
                 return Err(format!("set-point {m_s} m/s: it must be from {} to {limit}", -limit));
             }
             board.order(Some(*m_s));

@@ -133,7 +133,10 @@ struct Builder {
     span: Range<f64>,
     rate_hz: f64,
     max_elongation_m: f64,
-    last_seq: Option<u64>,
+    /// Run and number of the last sample.
+    last: Option<(u32, u64)>,
+    /// Ticks of the runs before this one.
+    before: u64,
     course: Course,
     height: Thinned,
     velocity: Thinned,
@@ -147,7 +150,8 @@ impl Builder {
             span,
             rate_hz: 1000.0,
             max_elongation_m: f64::INFINITY,
-            last_seq: None,
+            last: None,
+            before: 0,
             course: Course::default(),
             height: Thinned::default(),
             velocity: Thinned::default(),
@@ -165,20 +169,27 @@ impl Builder {
         }
     }
 
+    fn time_s(&self, seq: u64) -> f64 {
+        (self.before + seq) as f64 / self.rate_hz
+    }
+
     /// The time of a tick, when it is to be drawn.
     fn drawn(&self, seq: u64) -> Option<f64> {
-        Some(seq as f64 / self.rate_hz).filter(|t_s| self.span.contains(t_s))
+        Some(self.time_s(seq)).filter(|t_s| self.span.contains(t_s))
     }
 
     fn sample(&mut self, sample: &Sample) {
-        let end_s = sample.seq as f64 / self.rate_hz;
-        self.course.end_s = end_s;
-        if let (Some(t_s), Some(last)) = (self.drawn(sample.seq), self.last_seq)
-            && sample.seq > last + 1
-        {
-            self.course.gaps.push((last + 1) as f64 / self.rate_hz..t_s);
+        match self.last.replace((sample.epoch, sample.seq)) {
+            Some((epoch, last)) if epoch != sample.epoch => self.before += last + 1,
+            Some((_, last)) if sample.seq > last + 1 => {
+                let gap = self.time_s(last + 1)..self.time_s(sample.seq);
+                if self.span.contains(&gap.start) && self.span.contains(&gap.end) {
+                    self.course.gaps.push(gap);
+                }
+            }
+            _ => (),
         }
-        self.last_seq = Some(sample.seq);
+        self.course.end_s = self.time_s(sample.seq);
         if let Some(t_s) = self.drawn(sample.seq) {
             push_change(&mut self.course.set_point, t_s, sample.set_point_m_s.into());
         }

@@ -11,6 +11,9 @@ pub(super) struct Translator {
     /// Wall clock at simulated time 0, ns from 1970.
     started_unix_ns: u64,
     rate_hz: u32,
+    /// Simulated time of the runs before this one, when the leg was put back to
+    /// its start, s.
+    before_s: f64,
     /// The tick of the events that come now.
     tick: Option<TickRow>,
     /// An apex that the controller has not answered yet.
@@ -19,7 +22,7 @@ pub(super) struct Translator {
 
 impl Translator {
     pub(super) fn new(started_unix_ns: u64, rate_hz: u32) -> Self {
-        Self { started_unix_ns, rate_hz, tick: None, open: None }
+        Self { started_unix_ns, rate_hz, before_s: 0.0, tick: None, open: None }
     }
 
     /// When something is said to have been recorded, ns from 1970.
@@ -28,7 +31,7 @@ impl Translator {
     }
 
     fn tick_time_ns(&self, seq: u64) -> u64 {
-        self.log_time_ns(seq as f64 / f64::from(self.rate_hz.max(1)))
+        self.log_time_ns(self.before_s + seq as f64 / f64::from(self.rate_hz.max(1)))
     }
 
     /// Adds what a row says.
@@ -40,8 +43,14 @@ impl Translator {
     }
 
     fn tick(&mut self, tick: &TickRow, frames: &mut Frames) {
-        let TickRow { seq, t_s, body, sample, command, .. } = tick;
-        let time_ns = self.log_time_ns(*t_s);
+        let TickRow { seq, body, sample, command, .. } = tick;
+        if let Some(last) = self.tick
+            && last.sample.header.epoch != sample.header.epoch
+        {
+            self.close_apex(false, &last.command, frames);
+            self.before_s += last.t_s + 1.0 / f64::from(self.rate_hz.max(1));
+        }
+        let time_ns = self.log_time_ns(self.before_s + tick.t_s);
         let round_trip_ns = tick.round_trip.as_nanos() as u64;
         frames.add(time_ns, &Sample::from(sample));
         frames.add(time_ns, &Command::over(*seq, command, tick.is_new, round_trip_ns));
@@ -74,7 +83,7 @@ impl Translator {
 
     fn event(&mut self, event: &plant::Event, frames: &mut Frames) {
         let Some(tick) = self.tick else { return };
-        let t_s = tick.t_s + event.t_s;
+        let t_s = self.before_s + tick.t_s + event.t_s;
         let plant::Body { x_m, vx_m_s, y_m, vy_m_s } = event.body;
         let (kind, foot_x_m, foot_y_m) = match event.kind {
             plant::EventKind::Touchdown { foot_x_m, foot_y_m } => {
@@ -135,6 +144,6 @@ impl Translator {
     pub(super) fn end(&mut self, frames: &mut Frames) -> u64 {
         let Some(tick) = self.tick else { return self.started_unix_ns };
         self.close_apex(false, &tick.command, frames);
-        self.log_time_ns(tick.t_s)
+        self.log_time_ns(self.before_s + tick.t_s)
     }
 }

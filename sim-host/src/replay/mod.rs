@@ -84,7 +84,7 @@ pub fn replay(path: &Path, other: Option<&PolicyBlob>) -> Result<Report, ReplayE
     let blobs: Vec<AlignedBytes> =
         summary.policies.iter().map(|policy| policy.blob.as_slice().into()).collect();
     let mut swaps = match other {
-        Some(other) => VecDeque::from([Swap { seq: 0, policy: Some(other.policy()?) }]),
+        Some(other) => VecDeque::from([Swap { at: summary.first, policy: Some(other.policy()?) }]),
         None => recorded_policies(path, &summary, &blobs)?,
     };
     let Some(Swap { policy: Some(first), .. }) = swaps.pop_front() else {
@@ -153,11 +153,11 @@ fn recorded_policies<'a>(
             })?;
             Some(policy)
         };
-        swaps.push(Swap { seq: recorded.seq, policy });
+        swaps.push(Swap { at: (recorded.epoch, recorded.seq), policy });
     }
-    swaps.sort_by_key(|swap| swap.seq);
+    swaps.sort_by_key(|swap| swap.at);
     // One that came in the middle of the run says nothing of its beginning.
-    if swaps.first().is_none_or(|first| first.seq > summary.first_seq) {
+    if swaps.first().is_none_or(|first| first.at > summary.first) {
         swaps.clear();
     }
     Ok(swaps.into())

@@ -4,7 +4,7 @@
 use std::collections::VecDeque;
 use std::path::Path;
 
-use controller::wire;
+use controller::wire::{self, Header};
 
 use crate::record::read::{Entry, ReadError, Reader};
 use crate::record::schema::{Command, Config, Policy};
@@ -16,8 +16,8 @@ pub struct Summary {
     pub config: Config,
     /// Every policy.
     pub policies: Vec<Policy>,
-    /// Number of its first tick.
-    pub first_seq: u64,
+    /// Its first run and the number of its first tick.
+    pub first: (u32, u64),
     /// Samples in it.
     pub ticks: u64,
 }
@@ -30,13 +30,13 @@ impl Summary {
     pub fn of(path: &Path) -> Result<Self, ReadError> {
         let mut reader = Reader::open(path)?;
         let (mut config, mut policies) = (None, Vec::new());
-        let (mut first_seq, mut ticks) = (None, 0);
+        let (mut first, mut ticks) = (None, 0);
         while let Some(entry) = reader.next_entry()? {
             match entry {
                 Entry::Config(found) => config = Some(found),
                 Entry::Policy(policy) => policies.push(policy),
                 Entry::Sample(sample) => {
-                    first_seq.get_or_insert(sample.seq);
+                    first.get_or_insert((sample.epoch, sample.seq));
                     ticks += 1;
                 }
                 _ => (),
@@ -44,8 +44,8 @@ impl Summary {
         }
         let empty = |what| ReadError::Empty { path: path.to_owned(), what };
         let config = config.ok_or_else(|| empty("configuration"))?;
-        let first_seq = first_seq.ok_or_else(|| empty("tick"))?;
-        Ok(Self { config, policies, first_seq, ticks })
+        let first = first.ok_or_else(|| empty("tick"))?;
+        Ok(Self { config, policies, first, ticks })
     }
 }
 
@@ -66,7 +66,8 @@ pub struct Answer {
 pub struct Source {
     reader: Reader,
     samples: VecDeque<wire::Sample>,
-    last_seq: Option<u64>,
+    /// Run and number.
+    last: Option<(u32, u64)>,
     gap: Option<String>,
 }
 
@@ -76,12 +77,7 @@ impl Source {
     /// # Errors
     /// [`ReadError`].
     pub fn open(path: &Path) -> Result<Self, ReadError> {
-        Ok(Self {
-            reader: Reader::open(path)?,
-            samples: VecDeque::new(),
-            last_seq: None,
-            gap: None,
-        })
+        Ok(Self { reader: Reader::open(path)?, samples: VecDeque::new(), last: None, gap: None })
     }
 
     /// The next answer, `None` after the last.
@@ -109,8 +105,12 @@ impl Source {
     }
 
     fn sample(&mut self, sample: &wire::Sample) {
-        let seq = sample.header.seq;
-        if let Some(last) = self.last_seq
+        let Header { epoch, seq, .. } = sample.header;
+        let last = self.last.replace((epoch, seq));
+        if last.is_some_and(|last| last.0 != epoch) {
+            // The leg was put back to its start: what it sensed before is over.
+            self.samples.clear();
+        } else if let Some((_, last)) = last
             && seq != last + 1
             && self.gap.is_none()
         {
@@ -121,7 +121,6 @@ impl Source {
                 seq - 1
             ));
         }
-        self.last_seq = Some(seq);
         self.samples.push_back(*sample);
     }
 

@@ -26,10 +26,11 @@ const ANY_OF: usize = 4;
 /// Ticks without a sample between two answers, at most.
 const MOST_MISSING: u32 = 64;
 
-/// A policy that the controller is given before the tick `seq`.
+/// A policy that the controller is given before a tick.
 #[derive(Clone, Debug)]
 pub(super) struct Swap<'a> {
-    pub(super) seq: u64,
+    /// The run and the tick.
+    pub(super) at: (u32, u64),
     /// `None` when the recording does not have it.
     pub(super) policy: Option<Policy<'a>>,
 }
@@ -49,12 +50,11 @@ pub(super) struct Twin<'a> {
     /// What it may be by now, the likeliest first.
     now: Vec<Controller<'a>>,
     swaps: VecDeque<Swap<'a>>,
-    rejected: u32,
 }
 
 impl<'a> Twin<'a> {
     pub(super) fn new(fresh: Controller<'a>, swaps: VecDeque<Swap<'a>>) -> Self {
-        Self { now: vec![fresh.clone()], fresh, swaps, rejected: 0 }
+        Self { now: vec![fresh.clone()], fresh, swaps }
     }
 
     /// Its answer, of a controller that saw every sample.
@@ -68,9 +68,10 @@ impl<'a> Twin<'a> {
 
     /// Answers as the recorded one did; says whether it had begun anew before.
     pub(super) fn follow(&mut self, answer: &Answer) -> Result<bool, Parted> {
-        while let Some(swap) = self.swaps.pop_front_if(|s| s.seq <= answer.command.seq) {
+        let at = (answer.command.epoch, answer.command.seq);
+        while let Some(swap) = self.swaps.pop_front_if(|swap| swap.at <= at) {
             let Some(policy) = swap.policy else {
-                return Err(Parted::NoPolicy { seq: swap.seq });
+                return Err(Parted::NoPolicy { seq: swap.at.1 });
             };
             self.fresh.swap(policy.clone());
             self.now.iter_mut().for_each(|controller| controller.swap(policy.clone()));
@@ -103,12 +104,11 @@ impl<'a> Twin<'a> {
             explains.push(controller);
         }
         self.now = explains;
-        self.rejected = recorded.rejected;
         Ok(begun_anew)
     }
 
     /// The controller after it has seen these samples and then the answered
-    /// one, with as many ticks without any as its count wants.
+    /// one, with as many ticks without any, before it or after, as its count wants.
     fn attempt(
         &self,
         controller: &Controller<'a>,
@@ -116,25 +116,32 @@ impl<'a> Twin<'a> {
         answer: &Answer,
         recorded: &Command,
     ) -> Result<Controller<'a>, Difference> {
-        let play = |missing: u32| {
+        let play = |before: u32, after: u32| {
             let mut controller = controller.clone();
             for sample in seen {
                 controller.tick(Some(sample));
             }
-            for _ in 0..missing {
+            for _ in 0..before {
                 controller.tick(None);
             }
-            let replayed = controller.tick(Some(&answer.sample));
+            let mut replayed = controller.tick(Some(&answer.sample));
+            for _ in 0..after {
+                replayed = controller.tick(None);
+            }
             (controller, replayed)
         };
-        let (after, replayed) = play(0);
+        let (after, replayed) = play(0, 0);
         let Some(found) = difference(recorded, &replayed) else { return Ok(after) };
+        // In lock-step the controller has no tick without a sample, and counts none.
         let missing = recorded.rejected.saturating_sub(replayed.rejected);
-        // In lock-step the controller has no tick without a sample.
-        if (1..=MOST_MISSING).contains(&missing) && recorded.rejected > self.rejected {
-            let (after, replayed) = play(missing);
-            if difference(recorded, &replayed).is_none() {
-                return Ok(after);
+        if missing <= MOST_MISSING {
+            // The command of such a tick carries the number of the last sample: it
+            // may have overtaken the answer to that.
+            for after in 0..=missing {
+                let (after, replayed) = play(missing - after, after);
+                if difference(recorded, &replayed).is_none() {
+                    return Ok(after);
+                }
             }
         }
         Err(found)

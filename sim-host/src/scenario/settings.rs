@@ -6,6 +6,7 @@ use serde::de::{Deserializer, Error};
 use serde::{Deserialize, Serialize};
 
 use super::profile::SetPointStep;
+use crate::faults::FaultSetting;
 use crate::plant::LegParameters;
 
 /// A leg by name.
@@ -94,6 +95,11 @@ pub struct Settings {
     /// How the run begins.
     #[command(flatten)]
     pub start: StartSettings,
+
+    /// A fault on purpose, as kind=value,key=value,…; as often as wanted; `help` lists them.
+    #[arg(long = "fault", value_name = "FAULT")]
+    #[serde(rename = "fault", skip_serializing_if = "Vec::is_empty")]
+    pub faults: Vec<FaultSetting>,
 }
 
 /// How a run begins, unchecked.

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::timing::{RoundTripUs, RoundTrips};
+use crate::faults::FaultCount;
 use crate::plant::Body;
 
 /// Why a run ended.
@@ -53,6 +54,8 @@ pub struct Outcome {
     pub foreign_commands: u64,
     /// Hash of every state and command.
     pub state_hash: u64,
+    /// What each fault did.
+    pub faults: Vec<FaultCount>,
     /// How long the answers took.
     pub round_trips: RoundTrips,
 }
@@ -88,6 +91,7 @@ impl Outcome {
             rejected: self.rejected,
             round_trip_us: self.round_trips.quantiles_us(),
             state_hash: format!("{:016x}", self.state_hash),
+            faults: self.faults.clone(),
         }
     }
 }
@@ -123,4 +127,7 @@ pub struct Report {
     pub round_trip_us: RoundTripUs,
     /// Hash of every state and command, hexadecimal.
     pub state_hash: String,
+    /// What each fault did.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub faults: Vec<FaultCount>,
 }

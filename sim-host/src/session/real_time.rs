@@ -13,12 +13,14 @@ mod task;
 
 use std::time::{Duration, Instant};
 
+use controller::host::faults::Faulty;
 use controller::host::realtime::{LoopReport, drive::Options as LoopOptions, run as run_loop};
 use controller::host::{LegLink, LinkError, Stop};
 
 use super::leg::{Leg, TickRecord};
 use super::outcome::{Ending, Outcome};
 use super::timing::RoundTrips;
+use crate::faults::add_counts;
 use crate::scenario::Scenario;
 
 pub use task::LegTask;
@@ -75,8 +77,29 @@ impl Hooks for () {}
 
 /// Plays `scenario` in real time, on this thread, to the controller at the other
 /// end of `link`. `supervise` is called every 10 ms, beside the loop: the place
-/// for what may take its time.
+/// for what may take its time. Faults of the scenario that are on the link happen
+/// here, at the leg's end.
 pub fn run(
+    scenario: &Scenario,
+    link: &mut impl LegLink,
+    options: Options,
+    loop_options: &LoopOptions,
+    stop: &Stop,
+    supervise: impl FnMut() + Send,
+    hooks: &mut impl Hooks,
+) -> Played {
+    let plan = scenario.faults.plan();
+    if plan.is_empty() {
+        return run_on(scenario, link, options, loop_options, stop, supervise, hooks);
+    }
+    let mut faulty = Faulty::at_leg(link, plan);
+    let mut played = run_on(scenario, &mut faulty, options, loop_options, stop, supervise, hooks);
+    add_counts(&mut played.outcome.faults, &faulty.into_parts().1);
+    played
+}
+
+/// Plays over a link as it is.
+fn run_on(
     scenario: &Scenario,
     link: &mut impl LegLink,
     options: Options,
