@@ -182,8 +182,11 @@ mod tests {
         let mut controller = SerialController::new(controller, 1);
         let mut came = 0;
         for seq in 0..2000 {
-            let sample =
-                Sample { header: Header { seq, ..Header::default() }, y_m: 0.3, ..Sample::default() };
+            let sample = Sample {
+                header: Header { seq, ..Header::default() },
+                y_m: 0.3,
+                ..Sample::default()
+            };
             leg.send(&sample).unwrap();
             if let Some(got) = controller.receive(Duration::ZERO).unwrap() {
                 assert_eq!(got, sample);
