@@ -17,7 +17,7 @@ use controller::host::faults::Faulty;
 use controller::host::realtime::{LoopReport, drive::Options as LoopOptions, run as run_loop};
 use controller::host::{LegLink, LinkError, Stop};
 
-use super::leg::{Leg, TickRecord};
+use super::hooks::Hooks;
 use super::outcome::{Ending, Outcome};
 use super::timing::RoundTrips;
 use crate::faults::add_counts;
@@ -63,17 +63,6 @@ pub struct Played {
     /// The figures of the loop.
     pub report: LoopReport,
 }
-
-/// What the loop calls in the course of a session. Nothing here may allocate,
-/// log, or wait. `()` does nothing.
-pub trait Hooks {
-    /// Before each tick: what is ordered of the leg by hand.
-    fn steer(&mut self, _leg: &mut Leg<'_>) {}
-    /// At each tick of the plant.
-    fn observe(&mut self, _tick: &TickRecord<'_>) {}
-}
-
-impl Hooks for () {}
 
 /// Plays `scenario` in real time, on this thread, to the controller at the other
 /// end of `link`. `supervise` is called every 10 ms, beside the loop: the place

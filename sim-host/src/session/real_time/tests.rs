@@ -9,6 +9,7 @@ use controller::wire::{Command, Sample, flags};
 
 use super::*;
 use crate::scenario::Settings;
+use crate::session::TickRecord;
 use crate::session::lock_step;
 
 /// A clock that wakes on time, but for one wait that ends too late.
