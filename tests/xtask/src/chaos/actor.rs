@@ -140,6 +140,8 @@ impl Actor {
         match how {
             How::Stop => return self.signal(Signal::STOP),
             How::Kill => self.signal(Signal::KILL)?,
+            // Ignored, as under `nohup`, it would be ignored by those started here too.
+            How::HangUp if hang_up_is_ignored() => self.signal(Signal::TERM)?,
             How::HangUp => self.signal(Signal::HUP)?,
         }
         ensure!(self.wait(Duration::from_secs(10))?, "the {} does not end", self.part);
@@ -198,6 +200,14 @@ impl Drop for Actor {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
+}
+
+/// Whether this process ignores SIGHUP.
+pub(super) fn hang_up_is_ignored() -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok())
+        .is_some_and(|mask| mask & 1 == 1)
 }
 
 fn spawn(command: &mut Command, lines: &Lines) -> Result<Child> {

@@ -59,6 +59,9 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let programs = args.programs.clone().map_or_else(build, Ok)?;
     let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
     let place = Place { programs, folder: folder.path().to_owned() };
+    if actor::hang_up_is_ignored() {
+        println!("SIGHUP is ignored here, as under nohup: SIGTERM is sent in its place");
+    }
     let begun = Instant::now();
     let mut scene = Scene::begin(&place)?;
     let prefix = place.prefix()?;
