@@ -232,7 +232,7 @@ fn a_message_waits_for_its_reader<L: LegLink, C: ControllerLink, ML, MC>(
     let (answered, all_answered) = mpsc::channel();
     play(
         pair(),
-        |mut leg| {
+        move |mut leg| {
             leg.send(&sample(0)).expect("send");
             all_answered.recv().expect("answered");
             thread::sleep(SHORT);
@@ -308,11 +308,11 @@ mod tests {
     use std::sync::Arc;
 
     use super::super::domain::Domain;
-    use super::super::shm::{ShmController, ShmLeg};
     use super::super::faults::message::{Corrupt, Delay, Drop, Duplicate, Freeze, Ice, Reorder};
     use super::super::faults::{Chain, Dice, Faulty, OnTheWire, Plan, Window};
     use super::super::serial::stream::over_unix;
     use super::super::serial::{SerialController, SerialLeg};
+    use super::super::shm::{ShmController, ShmLeg};
     use super::super::{Stop, Terms, memory};
     use super::*;
 

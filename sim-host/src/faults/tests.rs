@@ -42,7 +42,10 @@ fn file_and_command_line_say_the_same() {
     let pairs = [
         ("drop=0.1", "drop = 0.1"),
         ("delay=3,direction=commands", "delay = 3\ndirection = \"commands\""),
-        ("noise=0.05,field=vx,from=1,until=2.5s", "noise = 0.05\nfield = \"vx\"\nfrom = 1\nuntil = \"2.5s\""),
+        (
+            "noise=0.05,field=vx,from=1,until=2.5s",
+            "noise = 0.05\nfield = \"vx\"\nfrom = 1\nuntil = \"2.5s\"",
+        ),
         ("ground=rough,height=0.05", "ground = \"rough\"\nheight = 0.05"),
         ("medium=0.0,at=5s", "medium = \"0.0\"\nat = \"5s\""),
     ];

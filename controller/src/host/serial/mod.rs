@@ -21,8 +21,8 @@ pub mod upload;
 pub mod virtual_board;
 
 pub use client::{Client, ClientError, Counts, Heard};
-pub use link::{SerialController, SerialLeg};
 pub use identity::{WhichPolicy, Who};
+pub use link::{SerialController, SerialLeg};
 pub use noise::Noisy;
 pub use stream::{ByteStream, Endpoint, OpenError};
 pub use virtual_board::VirtualBoard;
