@@ -1,6 +1,7 @@
 //! Real processes over real shared memory: meeting, parting, and dying.
 
 mod bridge;
+mod faults;
 mod place;
 mod real_time;
 mod record;

@@ -12,6 +12,7 @@ use super::line::{Came, Line, framed};
 use super::stream::ByteStream;
 use crate::host::card::Role;
 use crate::host::link::{Link, LinkError};
+use crate::serial::frame;
 use crate::serial::message::{ToController, ToHost};
 use crate::wire::{Command, Sample};
 
@@ -22,11 +23,9 @@ pub trait Framed: Copy {
 
     /// It in its frame, the sender's `turn` beside it.
     fn frame(&self, turn: u32) -> Option<Vec<u8>>;
-}
 
-/// What comes of the frame that came last, if it is the message.
-trait Unframed: Sized {
-    fn of(line: &Line) -> Option<Self>;
+    /// It out of the payload of a frame, if that is what it holds.
+    fn unframe(payload: &[u8]) -> Option<Self>;
 }
 
 impl Framed for Sample {
@@ -34,6 +33,13 @@ impl Framed for Sample {
 
     fn frame(&self, turn: u32) -> Option<Vec<u8>> {
         framed(&ToController::Sample { turn, sample: *self }).ok()
+    }
+
+    fn unframe(payload: &[u8]) -> Option<Self> {
+        match frame::decode(payload).ok()? {
+            ToController::Sample { sample, .. } => Some(sample),
+            ToController::Request { .. } => None,
+        }
     }
 }
 
@@ -43,20 +49,9 @@ impl Framed for Command {
     fn frame(&self, turn: u32) -> Option<Vec<u8>> {
         framed(&ToHost::Command { turn, command: *self }).ok()
     }
-}
 
-impl Unframed for Sample {
-    fn of(line: &Line) -> Option<Self> {
-        match line.message()? {
-            ToController::Sample { sample, .. } => Some(sample),
-            ToController::Request { .. } => None,
-        }
-    }
-}
-
-impl Unframed for Command {
-    fn of(line: &Line) -> Option<Self> {
-        match line.message()? {
+    fn unframe(payload: &[u8]) -> Option<Self> {
+        match frame::decode(payload).ok()? {
             ToHost::Command { command, .. } => Some(command),
             ToHost::Reply { .. } | ToHost::Alarm(_) => None,
         }
@@ -95,13 +90,13 @@ impl<Out, In> SerialLink<Out, In> {
     }
 }
 
-impl<Out: Framed, In: Framed + Unframed> SerialLink<Out, In> {
+impl<Out: Framed, In: Framed> SerialLink<Out, In> {
     /// Takes all that is there, waiting for the first of it at most `timeout`; the
     /// newest message replaces those before.
     fn listen(&mut self, mut timeout: Duration) -> Result<(), LinkError> {
         while !self.ended {
             match self.line.receive(timeout) {
-                Ok(Came::Frame) => self.newest = In::of(&self.line).or(self.newest),
+                Ok(Came::Frame) => self.newest = In::unframe(self.line.payload()).or(self.newest),
                 Ok(Came::Bad(_)) => (),
                 Ok(Came::Nothing) if timeout.is_zero() => return Ok(()),
                 // The rest of a frame may follow at once.
@@ -115,7 +110,7 @@ impl<Out: Framed, In: Framed + Unframed> SerialLink<Out, In> {
     }
 }
 
-impl<Out: Framed, In: Framed + Unframed> Link for SerialLink<Out, In> {
+impl<Out: Framed, In: Framed> Link for SerialLink<Out, In> {
     type Sends = Out;
     type Receives = In;
 
