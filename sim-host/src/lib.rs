@@ -10,6 +10,7 @@ pub mod plant;
 pub mod plot;
 pub mod record;
 pub mod replay;
+pub mod robustness;
 pub mod scenario;
 pub mod session;
 pub mod shore;

@@ -12,6 +12,7 @@ mod plot;
 mod real_time;
 mod recording;
 mod replay;
+mod robustness;
 mod run;
 mod shore;
 mod watch;
@@ -54,6 +55,8 @@ enum Command {
         /// The file.
         path: PathBuf,
     },
+    /// Sweep: how much of each fault a policy stands.
+    Robustness(robustness::Args),
     /// List the faults that `run --fault` can put into a run.
     Faults,
     /// Measure what a tick costs on this machine.
@@ -79,6 +82,7 @@ pub fn main() -> ExitCode {
         Some(Command::Bridge(args)) => bridge::main(&args),
         Some(Command::Watch(args)) => watch::main(&args),
         Some(Command::Replay(args)) => replay::main(&args),
+        Some(Command::Robustness(args)) => robustness::main(&args),
         Some(Command::Faults) => return faults::main(),
         Some(Command::Plot(args)) => plot::main(&args),
         Some(Command::Recorder { path }) => return crate::record::recorder(&path),
@@ -115,4 +119,15 @@ fn checked_policy(path: Option<&Path>) -> anyhow::Result<PolicyBlob> {
     let blob = PolicyBlob::load(path).map_err(misuse)?;
     blob.policy().map_err(misuse)?;
     Ok(blob)
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    /// What clap checks only in debug builds, and only of the command called.
+    #[test]
+    fn the_command_line_is_of_one_piece() {
+        super::Program::command().debug_assert();
+    }
 }

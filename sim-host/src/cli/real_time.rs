@@ -6,13 +6,13 @@ use std::sync::Arc;
 
 use controller::control::Controller;
 use controller::host::realtime::cli::{RealTimeArgs, parse_cpu};
+use controller::host::realtime::drive::Options as LoopOptions;
 use controller::host::realtime::{self, Ends, LoopReport, Plain, Shared};
-use controller::host::{LegLink, Pace, Role, Stop, memory};
+use controller::host::{Pace, Role, Stop, memory};
 
 use super::recording::Recording;
 use super::{checked_policy, misuse, run};
 use crate::scenario::Scenario;
-use crate::session::Hooks;
 use crate::session::real_time::{self, OnFall, Options, Played};
 
 /// How to play in real time.
@@ -43,20 +43,14 @@ impl Args {
         self.clock.arguments(self.controller_cpu)
     }
 
-    /// Plays, on this thread.
-    fn play(
-        &self,
-        scenario: &Scenario,
-        link: &mut impl LegLink,
-        epoch: u32,
-        stop: &Stop,
-        supervise: impl FnMut() + Send,
-        shared: Shared,
-        hooks: &mut impl Hooks,
-    ) -> Played {
-        let loop_options = self.clock.options(Role::Leg, scenario.rate_hz, shared);
-        let options = Options { epoch, on_fall: self.on_fall };
-        real_time::run(scenario, link, options, &loop_options, stop, supervise, hooks)
+    /// How the leg is played.
+    fn options(&self, epoch: u32) -> Options {
+        Options { epoch, on_fall: self.on_fall }
+    }
+
+    /// How its loop is run.
+    fn of_loop(&self, rate_hz: u32, shared: Shared) -> LoopOptions {
+        self.clock.options(Role::Leg, rate_hz, shared)
     }
 }
 
@@ -108,7 +102,9 @@ fn two_processes(
         let operated =
             run::operated(&args.domain(), scenario.rate_hz, Pace::RealTime, stop, timing);
         let mut hooks = (recording, operated);
-        Ok(args.real_time.play(scenario, &mut link, epoch, stop, look, shared, &mut hooks))
+        let (options, of_loop) =
+            (args.real_time.options(epoch), args.real_time.of_loop(scenario.rate_hz, shared));
+        Ok(real_time::run(scenario, &mut link, options, &of_loop, stop, look, &mut hooks))
     })
 }
 
@@ -134,15 +130,11 @@ fn in_process(
             let mut law = Plain { controller: Controller::new(policy, config), config };
             realtime::serve(controllers_end, &mut law, Ends::AtFarewell, &options, stop, || ())
         });
-        let played = args.real_time.play(
-            scenario,
-            &mut link,
-            epoch,
-            stop,
-            || (),
-            Shared::default(),
-            recording,
+        let (leg, of_loop) = (
+            args.real_time.options(epoch),
+            args.real_time.of_loop(scenario.rate_hz, Shared::default()),
         );
+        let played = real_time::run(scenario, &mut link, leg, &of_loop, stop, || (), recording);
         // Also when the run broke off: the controller sees that its leg has left.
         drop(link);
         (played, serving.join().expect("a controller that does not panic"))

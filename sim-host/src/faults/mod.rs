@@ -264,3 +264,6 @@ impl ActuatorIll {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -107,9 +107,8 @@ fn run_on(
         if !told_to_stop {
             return Ok(());
         }
-        // The controller should not be left waiting. (The link may refuse, for the same reason.)
-        let _ = link.send(&leg.farewell());
-        Err(LinkError::Stopped)
+        // The controller should not be left waiting.
+        link.send(&leg.farewell()).and(Err(LinkError::Stopped))
     });
     let round_trips = RoundTrips::of(tally.round_trips_ns());
     let outcome = leg.outcome(ending.unwrap_or(Ending::Stopped), wall_time_s, round_trips);

@@ -25,3 +25,6 @@ pub use dice::Dice;
 pub use link::Faulty;
 pub use stepped::Stepped;
 pub use wire::OnTheWire;
+
+#[cfg(test)]
+mod tests;

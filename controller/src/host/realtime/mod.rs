@@ -8,7 +8,9 @@
 //! A tick: sleep to a little before its instant, spin to it, take the newest
 //! message, work, send. The thread of the loop neither allocates nor logs nor
 //! takes a lock. What it has to tell goes, one [`Row`] a tick, into a wait-free
-//! ring; the [`clerk`] makes histograms, tables and messages of it.
+//! ring; the [`clerk`] makes histograms, tables and messages of it. (iceoryx2 0.10
+//! takes a block of 48 bytes for each message that it sends, and gives it back in
+//! the same call: from the thread's own cache, without a lock or a system call.)
 //!
 //! # When a tick is late
 //!
