@@ -22,8 +22,8 @@ use controller::host::shm::{ShmController, ShmLeg};
 use controller::host::{ControllerLink, Domain, LegLink, Pace, Role, Stop, memory};
 use controller::wire::{Command, Sample};
 use sim_host::scenario::{Scenario, Settings};
-use sim_host::session::real_time::{Hooks, LegTask, Options};
-use sim_host::session::{Ending, Leg, TickRecord};
+use sim_host::session::real_time::{LegTask, Options};
+use sim_host::session::{Ending, Hooks, Leg, TickRecord};
 
 const RATE_HZ: u32 = 1000;
 /// Ticks after which nothing should be new to a loop any more.
