@@ -282,7 +282,8 @@ impl<Out: Message, In: Message> Link for ShmLink<Out, In> {
 
     fn send(&mut self, message: &Out) -> Result<(), LinkError> {
         // Here, because a peer that always answers at once leaves no idle moment to look.
-        if self.stop.is_raised() {
+        // (A loop in real time looks by itself, and has a farewell to say after that.)
+        if !self.is_real_time && self.stop.is_raised() {
             return Err(LinkError::Stopped);
         }
         match self.publisher.send_copy(*message) {

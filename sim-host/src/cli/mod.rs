@@ -120,3 +120,14 @@ fn checked_policy(path: Option<&Path>) -> anyhow::Result<PolicyBlob> {
     blob.policy().map_err(misuse)?;
     Ok(blob)
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    /// What clap checks only in debug builds, and only of the command called.
+    #[test]
+    fn the_command_line_is_of_one_piece() {
+        super::Program::command().debug_assert();
+    }
+}

@@ -2,11 +2,13 @@
 
 use std::ffi::OsString;
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use controller::control::Controller;
 use controller::host::realtime::cli::{RealTimeArgs, parse_cpu};
+use controller::host::realtime::drive::Options as LoopOptions;
 use controller::host::realtime::{self, Ends, LoopReport, Plain, Shared};
-use controller::host::{LegLink, Pace, Role, Stop, memory};
+use controller::host::{Pace, Role, Stop, memory};
 
 use super::recording::Recording;
 use super::{checked_policy, misuse, run};
@@ -41,19 +43,14 @@ impl Args {
         self.clock.arguments(self.controller_cpu)
     }
 
-    /// Plays, on this thread.
-    fn play(
-        &self,
-        scenario: &Scenario,
-        link: &mut impl LegLink,
-        epoch: u32,
-        stop: &Stop,
-        supervise: impl FnMut() + Send,
-        recording: &mut Recording,
-    ) -> Played {
-        let loop_options = self.clock.options(Role::Leg, scenario.rate_hz, Shared::default());
-        let options = Options { epoch, on_fall: self.on_fall };
-        real_time::run(scenario, link, options, &loop_options, stop, supervise, recording)
+    /// How the leg is played.
+    fn options(&self, epoch: u32) -> Options {
+        Options { epoch, on_fall: self.on_fall }
+    }
+
+    /// How its loop is run.
+    fn of_loop(&self, rate_hz: u32, shared: Shared) -> LoopOptions {
+        self.clock.options(Role::Leg, rate_hz, shared)
     }
 }
 
@@ -99,7 +96,15 @@ fn two_processes(
     run::meet(scenario, args, terms, stop, recording, |met, epoch, recording| {
         let mut link = met.link;
         let (_, look) = realtime::watch(&link, stop, None, |_| ());
-        Ok(args.real_time.play(scenario, &mut link, epoch, stop, look, recording))
+        let shared = Shared::default();
+        let report = Arc::clone(&shared);
+        let timing = move || serde_json::to_value(&*report.lock().ok()?).ok();
+        let operated =
+            run::operated(&args.domain(), scenario.rate_hz, Pace::RealTime, stop, timing);
+        let mut hooks = (recording, operated);
+        let (options, of_loop) =
+            (args.real_time.options(epoch), args.real_time.of_loop(scenario.rate_hz, shared));
+        Ok(real_time::run(scenario, &mut link, options, &of_loop, stop, look, &mut hooks))
     })
 }
 
@@ -125,7 +130,11 @@ fn in_process(
             let mut law = Plain { controller: Controller::new(policy, config), config };
             realtime::serve(controllers_end, &mut law, Ends::AtFarewell, &options, stop, || ())
         });
-        let played = args.real_time.play(scenario, &mut link, epoch, stop, || (), recording);
+        let (leg, of_loop) = (
+            args.real_time.options(epoch),
+            args.real_time.of_loop(scenario.rate_hz, Shared::default()),
+        );
+        let played = real_time::run(scenario, &mut link, leg, &of_loop, stop, || (), recording);
         // Also when the run broke off: the controller sees that its leg has left.
         drop(link);
         (played, serving.join().expect("a controller that does not panic"))

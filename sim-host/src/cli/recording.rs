@@ -9,8 +9,7 @@ use super::misuse;
 use crate::record::schema::{Config, End, Policy as PolicyMessage};
 use crate::record::{OnFull, PolicyWatch, RecordError, Recorder, Tap};
 use crate::scenario::{Scenario, Settings};
-use crate::session::real_time::Hooks;
-use crate::session::{Options, Outcome, TickRecord};
+use crate::session::{Hooks, Options, Outcome, TickRecord};
 
 /// A recording under way, if one is wanted.
 #[derive(Debug, Default)]

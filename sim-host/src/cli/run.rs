@@ -14,12 +14,13 @@ use controller::wire::Sample;
 
 use super::recording::Recording;
 use super::{checked_policy, misuse, real_time};
+use crate::operate::Operated;
 use crate::scenario::{self, Scenario, Settings};
 use crate::session::child::ControllerCall;
 use crate::session::lock_step::{self, Options};
 use crate::session::stepped;
 use crate::session::two_processes::{self, Meeting, Met, News, PlayError, epoch_now};
-use crate::session::{Ending, Outcome, TickRecord};
+use crate::session::{Ending, Outcome};
 
 /// Plays a scenario to a controller, in lock-step or in real time.
 #[derive(Debug, clap::Args)]
@@ -159,10 +160,24 @@ fn over_shared_memory(
     let stop = Stop::on_signals()?;
     let timeout = args.meeting.timeout();
     meet(scenario, args, scenario.terms(), &stop, recording, |met, epoch, recording| {
-        let observe = |tick: &TickRecord| recording.push(tick);
         let options = Options { epoch, timeout };
-        Ok(lock_step::run(scenario, &mut met.in_lock_step(), options, observe)?)
+        let operated = operated(&args.domain(), scenario.rate_hz, Pace::LockStep, &stop, || None);
+        let mut hooks = (recording, operated);
+        Ok(lock_step::run_with(scenario, &mut met.in_lock_step(), options, &mut hooks)?)
     })
+}
+
+/// The desk of a run that has begun. A run goes on without, too.
+pub(super) fn operated(
+    domain: &str,
+    rate_hz: u32,
+    pace: Pace,
+    stop: &Stop,
+    timing: impl Fn() -> Option<serde_json::Value> + Send + 'static,
+) -> Option<Operated> {
+    Operated::open(domain, rate_hz, pace, stop, timing)
+        .inspect_err(|error| eprintln!("sim-host: warning: nobody can operate this run: {error}"))
+        .ok()
 }
 
 /// Plays by `run` once a controller is there, by the options that say where;

@@ -105,14 +105,11 @@ impl Board {
         }
     }
 
-    /// From a loop whose time can wait: waits while it is paused, and says
-    /// whether the run is to end.
-    #[must_use]
-    pub fn wait_while_paused(&self, stop: &Stop) -> bool {
+    /// From a loop whose time can wait: waits while it is paused.
+    pub fn wait_while_paused(&self, stop: &Stop) {
         while self.is_paused.load(Relaxed) && !self.is_ended() && !stop.is_raised() {
             std::thread::sleep(LOOK);
         }
-        self.is_ended()
     }
 
     /// Whether the run is to end.

@@ -77,7 +77,7 @@ pub struct LegStatus {
 ///
 /// # Errors
 /// [`SocketError`].
-pub fn open(
+pub(super) fn open(
     domain: &Arc<Domain>,
     board: &Arc<Board>,
     rate_hz: u32,

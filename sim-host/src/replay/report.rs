@@ -10,6 +10,7 @@ use super::compare::{Difference, difference};
 use super::recorded;
 use super::source::{Answer, Source, Summary};
 use crate::record::read::ReadError;
+use crate::scenario::Settings;
 
 /// Rows of the table at the beginning of the text.
 const ROWS: usize = 12;
@@ -87,7 +88,7 @@ impl Report {
             began_anew: Vec::new(),
             not_compared: None,
             apexes: Vec::new(),
-            warnings: Vec::new(),
+            warnings: faults(summary).into_iter().collect(),
             apexes_told: 0,
         }
     }
@@ -151,6 +152,16 @@ impl Report {
         self.compared += 1;
         self.unanswered += answer.unanswered.len() as u64;
     }
+}
+
+/// What is to be known of a run with faults on purpose.
+fn faults(summary: &Summary) -> Option<String> {
+    let settings = Settings::from_toml(&summary.config.scenario_toml).ok()?;
+    (!settings.faults.is_empty()).then(|| {
+        "the run had faults on purpose; where they are on the link, the controller may have seen \
+         other samples than the recorded ones"
+            .to_owned()
+    })
 }
 
 impl fmt::Display for Report {

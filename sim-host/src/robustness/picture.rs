@@ -58,13 +58,13 @@ fn draw_head(area: &Area<'_>, report: &Report) -> Result<(), DrawError> {
         report.runs, report.hops
     );
     let font = |size| (FONT, px(size)).into_font().color(&INK);
-    area.draw(&Text::new(title, (px(8) as i32, px(4) as i32), font(20)))?;
+    area.draw(&Text::new(title, (px(8).cast_signed(), px(4).cast_signed()), font(20)))?;
     for (i, media) in report.media().into_iter().enumerate() {
-        let x = px(12 + 90 * i as u32) as i32;
-        let y = px(42) as i32;
-        let line = [(x, y), (x + px(22) as i32, y)];
+        let x = px(12 + 90 * i as u32).cast_signed();
+        let y = px(42).cast_signed();
+        let line = [(x, y), (x + px(22).cast_signed(), y)];
         area.draw(&PathElement::new(line, colour(media).stroke_width(px(3))))?;
-        let at = (x + px(28) as i32, y - px(8) as i32);
+        let at = (x + px(28).cast_signed(), y - px(8).cast_signed());
         area.draw(&Text::new(media.name(), at, font(15)))?;
     }
     Ok(())

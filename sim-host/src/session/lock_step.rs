@@ -13,8 +13,9 @@ use controller::host::faults::Faulty;
 use controller::host::{LegLink, LinkError, Role};
 use controller::wire::Command;
 
+use super::hooks::{Hooks, Observe};
 use super::leg::{Leg, TickRecord};
-use super::outcome::Outcome;
+use super::outcome::{Ending, Outcome};
 use super::timing::RoundTrips;
 use crate::faults::add_counts;
 use crate::scenario::Scenario;
@@ -70,12 +71,25 @@ pub fn run(
     options: Options,
     observe: impl FnMut(&TickRecord),
 ) -> Result<Outcome, SessionError> {
+    run_with(scenario, link, options, &mut Observe(observe))
+}
+
+/// As [`run`], with all that may be hooked into a run.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_with(
+    scenario: &Scenario,
+    link: &mut impl LegLink,
+    options: Options,
+    hooks: &mut impl Hooks,
+) -> Result<Outcome, SessionError> {
     let plan = scenario.faults.plan();
     if plan.is_empty() {
-        return run_on(scenario, link, options, observe);
+        return run_on(scenario, link, options, hooks);
     }
     let mut faulty = Faulty::at_leg(link, plan).in_lock_step();
-    let mut outcome = run_on(scenario, &mut faulty, options, observe)?;
+    let mut outcome = run_on(scenario, &mut faulty, options, hooks)?;
     add_counts(&mut outcome.faults, &faulty.into_parts().1);
     Ok(outcome)
 }
@@ -85,7 +99,7 @@ pub(super) fn run_on(
     scenario: &Scenario,
     link: &mut impl LegLink,
     options: Options,
-    mut observe: impl FnMut(&TickRecord),
+    hooks: &mut impl Hooks,
 ) -> Result<Outcome, SessionError> {
     let mut leg = Leg::new(scenario, options.epoch);
     let mut round_trips = RoundTrips::default();
@@ -94,11 +108,16 @@ pub(super) fn run_on(
         if let Some(ending) = leg.ending() {
             break ending;
         }
+        hooks.wait();
+        if hooks.ends() {
+            break Ending::Stopped;
+        }
+        hooks.steer(&mut leg);
         let asked = Instant::now();
         let command = ask(&mut leg, link, options.timeout)?;
         let round_trip = asked.elapsed();
         round_trips.record(round_trip);
-        leg.step(command, round_trip, &mut observe);
+        leg.step(command, round_trip, &mut |tick: &TickRecord| hooks.observe(tick));
     };
     let wall_time_s = begun.elapsed().as_secs_f64();
     let tick = leg.seq();

@@ -3,6 +3,7 @@
 pub mod child;
 mod hash;
 mod held;
+pub mod hooks;
 pub mod leg;
 pub mod lock_step;
 mod outcome;
@@ -14,6 +15,7 @@ pub mod two_processes;
 pub use child::ControllerChild;
 pub use hash::StateHash;
 pub use held::SAFE_AFTER_TICKS;
+pub use hooks::Hooks;
 pub use leg::{Leg, TickRecord};
 pub use lock_step::{Options, SessionError};
 pub use outcome::{Ending, Outcome, Report};

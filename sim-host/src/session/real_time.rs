@@ -17,7 +17,7 @@ use controller::host::faults::Faulty;
 use controller::host::realtime::{LoopReport, drive::Options as LoopOptions, run as run_loop};
 use controller::host::{LegLink, LinkError, Stop};
 
-use super::leg::{Leg, TickRecord};
+use super::hooks::Hooks;
 use super::outcome::{Ending, Outcome};
 use super::timing::RoundTrips;
 use crate::faults::add_counts;
@@ -64,17 +64,6 @@ pub struct Played {
     pub report: LoopReport,
 }
 
-/// What the loop calls in the course of a session. Nothing here may allocate,
-/// log, or wait. `()` does nothing.
-pub trait Hooks {
-    /// Before each tick: what is ordered of the leg by hand.
-    fn steer(&mut self, _leg: &mut Leg<'_>) {}
-    /// At each tick of the plant.
-    fn observe(&mut self, _tick: &TickRecord<'_>) {}
-}
-
-impl Hooks for () {}
-
 /// Plays `scenario` in real time, on this thread, to the controller at the other
 /// end of `link`. `supervise` is called every 10 ms, beside the loop: the place
 /// for what may take its time. Faults of the scenario that are on the link happen
@@ -118,9 +107,8 @@ fn run_on(
         if !told_to_stop {
             return Ok(());
         }
-        // The controller should not be left waiting. (The link may refuse, for the same reason.)
-        let _ = link.send(&leg.farewell());
-        Err(LinkError::Stopped)
+        // The controller should not be left waiting.
+        link.send(&leg.farewell()).and(Err(LinkError::Stopped))
     });
     let round_trips = RoundTrips::of(tally.round_trips_ns());
     let outcome = leg.outcome(ending.unwrap_or(Ending::Stopped), wall_time_s, round_trips);

@@ -3,6 +3,7 @@
 use controller::host::faults::Stepped;
 use controller::wire::{Command, Sample};
 
+use super::hooks::Observe;
 use super::leg::TickRecord;
 use super::lock_step::{self, Options, SessionError};
 use super::outcome::Outcome;
@@ -22,7 +23,7 @@ pub fn run(
     observe: impl FnMut(&TickRecord),
 ) -> Result<Outcome, SessionError> {
     let mut link = Stepped::new(law, scenario.faults.plan());
-    let mut outcome = lock_step::run_on(scenario, &mut link, options, observe)?;
+    let mut outcome = lock_step::run_on(scenario, &mut link, options, &mut Observe(observe))?;
     add_counts(&mut outcome.faults, link.plan());
     Ok(outcome)
 }

@@ -7,6 +7,7 @@ mod real_time;
 mod record;
 mod recovery;
 mod swap;
+mod watch;
 
 use std::fs;
 use std::time::Duration;

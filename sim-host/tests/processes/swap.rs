@@ -1,7 +1,9 @@
 //! Weights swapped on a running leg, by the controller's desk and by SIGHUP.
 
 use std::fs;
-use std::time::Duration;
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
 use rustix::process::Signal;
 
@@ -112,5 +114,42 @@ fn a_hundred_swaps_on_a_hopping_leg_cost_no_tick() {
     }
     controller.assert_ok();
     assert!(controller.err.matches("has taken over").count() > 1, "{}", controller.err);
+    place.assert_clean();
+}
+
+/// The other meaning of a SIGHUP: with --policy too, a terminal that is closed
+/// is the end.
+#[test]
+fn a_closed_terminal_ends_a_controller_that_would_reload() {
+    if hang_up_is_ignored() || Command::new("script").arg("--version").output().is_err() {
+        eprintln!("a closed terminal is SKIPPED: SIGHUP is ignored here, or there is no `script`");
+        return;
+    }
+    let place = Place::new();
+    // `script` holds the other end of a terminal; what it runs has that terminal as its own.
+    let controller = format!(
+        "exec {} controller --domain test --policy {}",
+        env!("CARGO_BIN_EXE_sim-host"),
+        text(&place.policy())
+    );
+    let mut terminal = Command::new("script")
+        .args(["--quiet", "--command", &controller, "/dev/null"])
+        .env("TMPDIR", place.file(""))
+        .env("SHELL", "/bin/sh")
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("script");
+    place.wait_for_status(|status| status["activity"] == "waiting");
+    let pid = place.status()["pid"].as_u64().unwrap();
+    terminal.kill().unwrap();
+    terminal.wait().unwrap();
+    let deadline = Instant::now() + Duration::from_secs(8);
+    let process = PathBuf::from(format!("/proc/{pid}/exe"));
+    while place.base().exists() || fs::read_link(&process).is_ok() {
+        assert!(Instant::now() < deadline, "it still runs");
+        std::thread::sleep(Duration::from_millis(5));
+    }
     place.assert_clean();
 }

@@ -15,6 +15,7 @@ use crate::host::card::Pace;
 use crate::host::desk::requests::{Activity, Moment, Request, Status, Swapping};
 use crate::host::desk::{self, AskError};
 use crate::host::domain::DomainError;
+use crate::host::realtime::LoopReport;
 
 /// Between two looks whether a swap is in force.
 const LOOK: Duration = Duration::from_millis(10);
@@ -190,8 +191,9 @@ impl fmt::Display for Table<'_> {
             "rejected    {}, of these missing {}, stale {}; safe state entered {} times",
             r.ticks, r.missing, r.stale, r.safe_entered
         )?;
-        if let Some(timing) = &s.timing {
-            writeln!(f, "loop        {timing}")?;
+        let report = s.timing.clone().map(serde_json::from_value::<LoopReport>);
+        if let Some(Ok(report)) = report {
+            writeln!(f, "loop        {}", report.line())?;
         }
         Ok(())
     }

@@ -98,6 +98,8 @@ struct Watch {
     epoch: u32,
     /// When the peer was last heard.
     heard_ns: Option<u64>,
+    /// Ticks since then.
+    stale_ticks: u64,
     /// Whether its loss was told.
     lost: bool,
     /// Whether the leg was under a command other than the safe one in this run.
@@ -113,6 +115,7 @@ impl Watch {
             tick_ns: 1_000_000_000 / u64::from(rate_hz.max(1)),
             epoch: 0,
             heard_ns: None,
+            stale_ticks: 0,
             lost: false,
             was_flying: false,
             safe_since_ns: None,
@@ -134,15 +137,21 @@ impl Watch {
             }
             Word::Stale => {
                 let silent_ns = row.woke_ns.saturating_sub(self.heard_ns?);
+                self.stale_ticks += 1;
                 let is_lost = row.safe && silent_ns >= LOST_AFTER_TICKS * self.tick_ns;
                 (is_lost && !self.lost).then(|| {
                     (self.lost, self.was_flying, self.safe_since_ns) = (true, false, None);
                     let ms = 1e-6 * silent_ns as f64;
-                    format!("nothing from the {peer} for {ms:.0} ms: safe until it is heard again")
+                    let ticks = self.stale_ticks;
+                    format!(
+                        "nothing from the {peer} for {ms:.0} ms, {ticks} ticks: safe until it is \
+                         heard again"
+                    )
                 })
             }
             Word::New => {
                 let before_ns = self.heard_ns.replace(row.woke_ns);
+                self.stale_ticks = 0;
                 if row.epoch != self.epoch {
                     (self.epoch, self.was_flying, self.safe_since_ns) = (row.epoch, false, None);
                 }
@@ -197,7 +206,10 @@ mod tests {
         assert_eq!(hear(&mut watch, 30, Word::New, false), None);
         let said: Vec<_> =
             (31..100).filter_map(|ms| hear(&mut watch, ms, Word::Stale, ms >= 40)).collect();
-        assert_eq!(said, ["nothing from the controller for 10 ms: safe until it is heard again"]);
+        assert_eq!(
+            said,
+            ["nothing from the controller for 10 ms, 10 ticks: safe until it is heard again"]
+        );
         let said: Vec<_> =
             (100..200).filter_map(|ms| hear(&mut watch, ms, Word::New, false)).collect();
         assert_eq!(said, ["the controller is heard again, after 0.070 s"]);

@@ -14,7 +14,6 @@ const MAX_SPIN_US: i64 = 10_000;
 /// How to tick by the clock.
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Real time")]
-#[group(id = "real_time_options")]
 pub struct RealTimeArgs {
     /// Tick by the machine's clock instead of in lock-step; both sides must.
     ///

