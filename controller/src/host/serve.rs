@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use super::card::Role;
 use super::link::{ControllerLink, LinkError};
-use crate::wire::{Command, Sample, flags};
+use crate::wire::{Command, Sample};
 
 /// Why the control loop ended early.
 #[derive(Debug, thiserror::Error)]
@@ -36,7 +36,8 @@ pub enum ServeError {
 /// A leg that is silent for so long is worth a word.
 const SAY_AFTER: Duration = Duration::from_secs(1);
 
-/// Answers every sample by `law`, until a sample with [`flags::END`]. Returns
+/// Answers every sample by `law`, until a sample that
+/// [ends the run](Sample::ends_the_run). Returns
 /// how many it answered.
 ///
 /// # Errors
@@ -70,7 +71,7 @@ pub fn serve_patiently(
             }
             Err(cause) => return Err(ServeError::Link { ticks, cause }),
         };
-        if sample.header.flags & flags::END != 0 {
+        if sample.ends_the_run() {
             return Ok(ticks);
         }
         let command = law(&sample);
@@ -140,7 +141,7 @@ mod tests {
     use super::super::link::Link;
     use super::super::memory;
     use super::*;
-    use crate::wire::Header;
+    use crate::wire::{Header, flags};
 
     fn sample(seq: u64, flags: u16) -> Sample {
         Sample { header: Header { flags, seq, ..Header::default() }, ..Sample::default() }

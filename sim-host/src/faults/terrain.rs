@@ -75,7 +75,7 @@ mod tests {
 
     #[test]
     fn the_ground_has_its_shape() {
-        assert_eq!(Terrain::Slope(0.1).height_m(-3.0), -0.3 + 5e-17);
+        assert_eq!(Terrain::Slope(0.25).height_m(-3.0), -0.75);
         let sine = Terrain::Sine { height_m: 0.2, length_m: 4.0 };
         assert!((sine.height_m(1.0) - 0.1).abs() < 1e-12 && sine.height_m(0.0) == 0.0);
         let steps = Terrain::Steps(drawn(1));

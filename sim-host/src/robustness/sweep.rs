@@ -99,7 +99,7 @@ pub(super) const AXES: [Axis; 6] = [
     },
     Axis {
         name: "mass",
-        unit: "the leg's mass over the one it was trained with",
+        unit: "mass of the leg over that of the training",
         prefix: "mass=",
         suffix: "",
         levels: [0.8, 0.85, 0.9, 1.0, 1.5, 2.0, 3.0],
@@ -107,7 +107,7 @@ pub(super) const AXES: [Axis; 6] = [
     },
     Axis {
         name: "stiffness",
-        unit: "the spring's stiffness over the one it was trained with",
+        unit: "stiffness of the spring over that of the training",
         prefix: "stiffness=",
         suffix: "",
         levels: [0.2, 0.35, 0.5, 1.0, 2.0, 4.0, 8.0],

@@ -69,7 +69,7 @@ impl Scene {
 
     /// Takes in a sample.
     pub fn take_sample(&mut self, sample: &Sample) {
-        if sample.header.flags & flags::END != 0 {
+        if sample.ends_the_run() {
             return;
         }
         let t_s = seconds(sample.header.t_ns);

@@ -101,7 +101,7 @@ impl<L: Link<Sends: OnTheWire, Receives: OnTheWire>> Link for Faulty<L> {
     type Receives = L::Receives;
 
     fn send(&mut self, message: &L::Sends) -> Result<(), LinkError> {
-        if message.header().flags & flags::END != 0 {
+        if message.header().flags == flags::END {
             return self.link.send(message);
         }
         // In lock-step the same one again, as after the peer was lost, meets no other

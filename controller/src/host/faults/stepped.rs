@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::chain::{Clock, Plan};
 use crate::host::link::{Link, LinkError};
-use crate::wire::{Command, Sample, flags};
+use crate::wire::{Command, Sample};
 
 /// A leg's end whose controller is a function, called once for each tick of the
 /// leg with what has come of its sample, or with `None`: so its guard sees
@@ -34,7 +34,7 @@ impl<F: FnMut(Option<&Sample>) -> Command> Link for Stepped<F> {
     type Receives = Command;
 
     fn send(&mut self, sample: &Sample) -> Result<(), LinkError> {
-        if sample.header.flags & flags::END != 0 {
+        if sample.ends_the_run() {
             return Ok(());
         }
         self.clock.hear(sample);

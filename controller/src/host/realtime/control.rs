@@ -115,7 +115,7 @@ impl<L: ControllerLink, W: Law> Task for ControllerTask<L, W> {
     fn tick(&mut self, _at: &Tick, clock: &impl Clock) -> Result<Done, LinkError> {
         let sample = self.link.receive(Duration::ZERO)?;
         if let Some(sample) = &sample {
-            if sample.header.flags & flags::END != 0 {
+            if sample.ends_the_run() {
                 return Ok(self.rest());
             }
             self.in_run = true;
