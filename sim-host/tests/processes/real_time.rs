@@ -51,12 +51,11 @@ fn two_processes_hop_by_the_clock_and_say_how_it_went() {
     assert_adds_up(&leg["loop"], "leg");
     // What is due is played, whatever was slept through.
     let of_run = count(&leg["loop"], "ticks") - count(&leg["loop"], "idle");
-    assert!((2000..2100).contains(&of_run), "{leg}");
+    assert!(of_run >= 2000, "{leg}");
 
     let of_controller = json(&controller.out);
     assert_adds_up(&of_controller["loop"], "controller");
     assert_eq!(of_controller["ticks"], of_controller["loop"]["heard"]);
-    assert!(count(&of_controller, "apexes") >= 1, "{of_controller}");
     place.assert_clean();
 }
 
