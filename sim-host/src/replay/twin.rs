@@ -81,7 +81,7 @@ impl<'a> Twin<'a> {
         let mut explains = Vec::new();
         'all: for controller in &self.now {
             for seen in seen(&answer.unanswered) {
-                match self.attempt(controller, &seen, answer, &recorded) {
+                match attempt(controller, &seen, answer, &recorded) {
                     Ok(after) => explains.push(after),
                     Err(difference) => {
                         first.get_or_insert(difference);
@@ -106,46 +106,45 @@ impl<'a> Twin<'a> {
         self.now = explains;
         Ok(begun_anew)
     }
+}
 
-    /// The controller after it has seen these samples and then the answered
-    /// one, with as many ticks without any, before it or after, as its count wants.
-    fn attempt(
-        &self,
-        controller: &Controller<'a>,
-        seen: &[&Sample],
-        answer: &Answer,
-        recorded: &Command,
-    ) -> Result<Controller<'a>, Difference> {
-        let play = |before: u32, after: u32| {
-            let mut controller = controller.clone();
-            for sample in seen {
-                controller.tick(Some(sample));
-            }
-            for _ in 0..before {
-                controller.tick(None);
-            }
-            let mut replayed = controller.tick(Some(&answer.sample));
-            for _ in 0..after {
-                replayed = controller.tick(None);
-            }
-            (controller, replayed)
-        };
-        let (after, replayed) = play(0, 0);
-        let Some(found) = difference(recorded, &replayed) else { return Ok(after) };
-        // In lock-step the controller has no tick without a sample, and counts none.
-        let missing = recorded.rejected.saturating_sub(replayed.rejected);
-        if missing <= MOST_MISSING {
-            // The command of such a tick carries the number of the last sample: it
-            // may have overtaken the answer to that.
-            for after in 0..=missing {
-                let (after, replayed) = play(missing - after, after);
-                if difference(recorded, &replayed).is_none() {
-                    return Ok(after);
-                }
+/// The controller after it has seen these samples and then the answered
+/// one, with as many ticks without any, before it or after, as its count wants.
+fn attempt<'a>(
+    controller: &Controller<'a>,
+    seen: &[&Sample],
+    answer: &Answer,
+    recorded: &Command,
+) -> Result<Controller<'a>, Difference> {
+    let play = |before: u32, after: u32| {
+        let mut controller = controller.clone();
+        for sample in seen {
+            controller.tick(Some(sample));
+        }
+        for _ in 0..before {
+            controller.tick(None);
+        }
+        let mut replayed = controller.tick(Some(&answer.sample));
+        for _ in 0..after {
+            replayed = controller.tick(None);
+        }
+        (controller, replayed)
+    };
+    let (after, replayed) = play(0, 0);
+    let Some(found) = difference(recorded, &replayed) else { return Ok(after) };
+    // In lock-step the controller has no tick without a sample, and counts none.
+    let missing = recorded.rejected.saturating_sub(replayed.rejected);
+    if missing <= MOST_MISSING {
+        // The command of such a tick carries the number of the last sample: it
+        // may have overtaken the answer to that.
+        for after in 0..=missing {
+            let (after, replayed) = play(missing - after, after);
+            if difference(recorded, &replayed).is_none() {
+                return Ok(after);
             }
         }
-        Err(found)
     }
+    Err(found)
 }
 
 /// What may have been seen of samples that were not answered.

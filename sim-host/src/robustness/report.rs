@@ -1,6 +1,6 @@
 //! What the sweep came to: a table for people, rows for scripts.
 
-use std::fmt;
+use std::fmt::{self, Write as _};
 
 use serde::Serialize;
 
@@ -64,7 +64,9 @@ impl Report {
         let mut text = String::from("fault,level,medium,runs,hopping,share\n");
         for row in &self.rows {
             let Row { fault, level, media, runs, hopping } = row;
-            text += &format!("{fault},{level},{},{runs},{hopping},{}\n", media.name(), row.share());
+            let (medium, share) = (media.name(), row.share());
+            // Writing to a string does not fail.
+            let _ = writeln!(text, "{fault},{level},{medium},{runs},{hopping},{share}");
         }
         text
     }

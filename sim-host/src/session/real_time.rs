@@ -17,12 +17,12 @@ use controller::host::faults::Faulty;
 use controller::host::realtime::{LoopReport, drive::Options as LoopOptions, run as run_loop};
 use controller::host::{LegLink, LinkError, Stop};
 
-use super::hooks::Hooks;
 use super::outcome::{Ending, Outcome};
 use super::timing::RoundTrips;
 use crate::faults::add_counts;
 use crate::scenario::Scenario;
 
+pub use super::hooks::Hooks;
 pub use task::LegTask;
 
 /// Longest time for which a leg is held at its start until it is commanded.

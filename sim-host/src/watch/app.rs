@@ -7,6 +7,7 @@ use controller::host::Stop;
 use controller::host::shm::ConnectError;
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::feed::Feed;
 use super::keys::{Action, action};
@@ -52,7 +53,7 @@ pub fn run(domain: &str) -> Result<(), WatchError> {
     let restored = ratatui::try_restore();
     shown?;
     // With the terminal closed there is nothing to restore.
-    if stop.is_raised() { Ok(()) } else { Ok(restored?) }
+    if stop.is_raised() || listen() == Listened::Gone { Ok(()) } else { Ok(restored?) }
 }
 
 fn show(
@@ -69,7 +70,12 @@ fn show(
             drawn = Some(Instant::now());
             terminal.draw(|frame| view::draw(frame, &scene))?;
         }
-        if event::poll(LISTEN)?
+        let listened = listen();
+        if listened == Listened::Gone {
+            return Ok(());
+        }
+        if listened == Listened::Key
+            && event::poll(Duration::ZERO)?
             && let Event::Key(key) = event::read()?
             && let Some(action) = action(key)
         {
@@ -80,6 +86,33 @@ fn show(
         }
     }
     Ok(())
+}
+
+/// What a wait for the keyboard came to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Listened {
+    Nothing,
+    Key,
+    /// The terminal is closed.
+    Gone,
+}
+
+/// Waits for a key. A terminal that is closed also sends a hang-up, but under
+/// `nohup` nobody hears it, and the library would read from it for ever.
+fn listen() -> Listened {
+    let input = io::stdin();
+    let mut polled = [PollFd::new(&input, PollFlags::IN)];
+    let timeout = Timespec { tv_sec: 0, tv_nsec: i64::from(LISTEN.subsec_nanos()) };
+    // A signal that comes in between is no key.
+    let _ = poll(&mut polled, Some(&timeout));
+    let found = polled[0].revents();
+    if found.intersects(PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL) {
+        Listened::Gone
+    } else if found.contains(PollFlags::IN) {
+        Listened::Key
+    } else {
+        Listened::Nothing
+    }
 }
 
 /// What an action asks of the leg.

@@ -18,9 +18,15 @@ struct Watch {
 
 impl Watch {
     fn begin(place: &Place) -> Self {
+        Self::begin_after(place, "")
+    }
+
+    /// With some words to the shell that starts it.
+    fn begin_after(place: &Place, words: &str) -> Self {
         let folder = place.base();
+        let call = format!("stty rows 40 cols 120; {words} exec {PROGRAM} watch --domain test");
         let mut script = Command::new("script")
-            .args(["-qec", &format!("stty rows 40 cols 120; exec {PROGRAM} watch --domain test")])
+            .args(["-qec", &call])
             .arg("/dev/null")
             .env("TMPDIR", folder.parent().expect("a folder in a folder"))
             .env("TERM", "xterm-256color")
@@ -112,6 +118,26 @@ fn a_run_that_is_watched_is_the_same_run_and_can_be_operated() {
     wait_until_clean(&place);
     watch.leave();
     place.assert_clean();
+}
+
+/// It used to read from a terminal that was gone, for ever, with a core to itself.
+#[test]
+fn a_closed_terminal_ends_it_also_where_a_hang_up_is_ignored() {
+    let place = Place::new();
+    let pid_file = place.base().with_extension("pid");
+    let mut watch =
+        Watch::begin_after(&place, &format!("trap '' HUP; echo $$ > {};", pid_file.display()));
+    watch.wait_for("nobody");
+    let pid = std::fs::read_to_string(&pid_file).expect("its process");
+    watch.script.kill().expect("the terminal");
+    let begun = Instant::now();
+    // A zombie has no command line.
+    let runs =
+        || std::fs::read(format!("/proc/{}/cmdline", pid.trim())).is_ok_and(|c| !c.is_empty());
+    while runs() {
+        assert!(begun.elapsed() < SOON, "process {pid} goes on without a terminal");
+        std::thread::sleep(Duration::from_millis(5));
+    }
 }
 
 #[test]
