@@ -90,6 +90,15 @@ fn say(in_place: bool, text: &str) {
     let _ = write!(stderr, "{clear}{text}").and_then(|()| stderr.flush());
 }
 
+/// How a peer went.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Gone {
+    /// It fell silent.
+    Silent,
+    /// It said that its run is over.
+    Parted,
+}
+
 /// Notices, in the rows, what a person should be told, once each.
 #[derive(Debug)]
 struct Watch {
@@ -100,8 +109,8 @@ struct Watch {
     heard_ns: Option<u64>,
     /// Ticks since then.
     stale_ticks: u64,
-    /// Whether its loss was told.
-    lost: bool,
+    /// How it went, if it did; told.
+    gone: Option<Gone>,
     /// Whether the leg was under a command other than the safe one in this run.
     was_flying: bool,
     /// Since when a safe command is in force though the peer is heard; told.
@@ -116,7 +125,7 @@ impl Watch {
             epoch: 0,
             heard_ns: None,
             stale_ticks: 0,
-            lost: false,
+            gone: None,
             was_flying: false,
             safe_since_ns: None,
         }
@@ -128,19 +137,24 @@ impl Watch {
             Role::Controller => Role::Leg,
         };
         match row.word {
+            Word::Farewell => {
+                (self.gone, self.heard_ns) = (Some(Gone::Parted), Some(row.woke_ns));
+                (self.was_flying, self.safe_since_ns) = (false, None);
+                Some(format!("the run of the {peer} is over: safe until the next begins"))
+            }
+            // What comes after a farewell.
+            Word::Idle if self.gone == Some(Gone::Parted) => None,
             Word::Idle => {
                 (self.heard_ns, self.was_flying, self.safe_since_ns) = (None, false, None);
-                self.lost.then(|| {
-                    self.lost = false;
-                    format!("the run of the {peer} is over")
-                })
+                self.gone.take().map(|_| format!("the run of the {peer} is over"))
             }
             Word::Stale => {
                 let silent_ns = row.woke_ns.saturating_sub(self.heard_ns?);
                 self.stale_ticks += 1;
                 let is_lost = row.safe && silent_ns >= LOST_AFTER_TICKS * self.tick_ns;
-                (is_lost && !self.lost).then(|| {
-                    (self.lost, self.was_flying, self.safe_since_ns) = (true, false, None);
+                (is_lost && self.gone.is_none()).then(|| {
+                    self.gone = Some(Gone::Silent);
+                    (self.was_flying, self.safe_since_ns) = (false, None);
                     let ms = 1e-6 * silent_ns as f64;
                     let ticks = self.stale_ticks;
                     format!(
@@ -155,8 +169,7 @@ impl Watch {
                 if row.epoch != self.epoch {
                     (self.epoch, self.was_flying, self.safe_since_ns) = (row.epoch, false, None);
                 }
-                if self.lost {
-                    self.lost = false;
+                if self.gone.take().is_some() {
                     let silent_ns = row.woke_ns - before_ns.unwrap_or(row.woke_ns);
                     let s = 1e-9 * silent_ns as f64;
                     return Some(format!("the {peer} is heard again, after {s:.3} s"));
@@ -213,6 +226,29 @@ mod tests {
         let said: Vec<_> =
             (100..200).filter_map(|ms| hear(&mut watch, ms, Word::New, false)).collect();
         assert_eq!(said, ["the controller is heard again, after 0.070 s"]);
+    }
+
+    #[test]
+    fn a_farewell_is_told_once_and_so_is_the_next_run() {
+        let mut watch = Watch::new(Role::Controller, 1000);
+        let mut said = Vec::new();
+        for ms in 0..100 {
+            said.extend(hear(&mut watch, ms, Word::New, false));
+        }
+        said.extend(hear(&mut watch, 100, Word::Farewell, false));
+        for ms in 101..300 {
+            said.extend(hear(&mut watch, ms, Word::Idle, false));
+        }
+        for ms in 300..400 {
+            said.extend(hear(&mut watch, ms, Word::New, false));
+        }
+        assert_eq!(
+            said,
+            [
+                "the run of the simulator is over: safe until the next begins",
+                "the simulator is heard again, after 0.200 s"
+            ]
+        );
     }
 
     #[test]

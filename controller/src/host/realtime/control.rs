@@ -101,11 +101,13 @@ impl<L: ControllerLink, W: Law> ControllerTask<L, W> {
 
     fn rest(&mut self) -> Done {
         self.in_run = false;
-        let over = self.ends == Ends::AtFarewell;
-        if !over {
-            self.law.rest();
+        match self.ends {
+            Ends::AtFarewell => Done { over: true, ..Done::default() },
+            Ends::Never => {
+                self.law.rest();
+                Done { word: Word::Farewell, ..Done::default() }
+            }
         }
-        Done { over, ..Done::default() }
     }
 }
 

@@ -82,7 +82,7 @@ impl Log {
         c.ticks += 1 + at.missed;
         c.missed += at.missed;
         match done.word {
-            Word::Idle => c.idle += 1,
+            Word::Idle | Word::Farewell => c.idle += 1,
             Word::Stale => c.stale += 1,
             Word::New => c.heard += 1,
         }

@@ -8,6 +8,8 @@ pub enum Word {
     /// Nothing yet, and nothing is expected: before a run, or after.
     #[default]
     Idle,
+    /// That its run is over, and another may come.
+    Farewell,
     /// Nothing new.
     Stale,
     /// Something new that counts.

@@ -187,7 +187,7 @@ fn a_controller_goes_by_the_newest_sample_and_continues_without() {
     assert!(leg.receive(Duration::ZERO).unwrap().is_some(), "it goes on commanding");
 
     leg.send(&sample(4, flags::END)).unwrap();
-    assert_eq!(tick(&mut task, 7).word, Word::Idle);
+    assert_eq!(tick(&mut task, 7).word, Word::Farewell);
     assert_eq!(tick(&mut task, 8).word, Word::Idle, "between two runs");
     leg.send(&sample(0, 0)).unwrap();
     assert_eq!(tick(&mut task, 9).word, Word::New, "the next run");

@@ -47,9 +47,14 @@ pub fn watch<Out: Message, In: Message, G: FnMut(Peer) + Send>(
 fn look<Out: Message, In: Message>(keeper: &Keeper<Out, In>, role: Role) -> Option<Turn> {
     match keeper.look() {
         Ok(turn) => {
-            // That one is back, the clerk says, when it is heard.
-            if let Some(turn @ (Turn::Lost(_) | Turn::Refused(_))) = &turn {
-                eprintln!("{role}: {turn}");
+            match &turn {
+                // Before the end of its run or after: the clerk says, who hears it.
+                Some(Turn::Lost(LinkError::PeerLeft { role: peer, pid })) => {
+                    eprintln!("{role}: the {peer} (process {pid}) has left");
+                }
+                Some(turn @ (Turn::Lost(_) | Turn::Refused(_))) => eprintln!("{role}: {turn}"),
+                // That one is back, the clerk says too.
+                Some(Turn::Met(_)) | None => (),
             }
             turn
         }

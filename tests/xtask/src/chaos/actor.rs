@@ -44,7 +44,8 @@ pub(super) enum Word {
 
 impl Word {
     fn of(line: &Line) -> Option<Self> {
-        if line.text.contains("nothing from the ") {
+        let (silent, parted) = ("nothing from the ", "is over: safe until the next begins");
+        if line.text.contains(silent) || line.text.contains(parted) {
             Some(Self::Lost(line.clone()))
         } else if line.text.contains("is heard again, after") {
             Some(Self::Heard(Some(line.clone())))
