@@ -109,6 +109,14 @@ pub fn replay(path: &Path, other: Option<&PolicyBlob>) -> Result<Report, ReplayE
                 report.different(&answer, difference);
                 break;
             }
+            Err(twin::Parted::TooManyWays) => {
+                report.stop(format!(
+                    "by tick {} so many samples had no command that what the controller saw of \
+                     them cannot be found out",
+                    answer.command.seq
+                ));
+                break;
+            }
             Err(twin::Parted::NoPolicy { seq }) => {
                 report.stop(format!(
                     "at tick {seq} the controller was given a policy that the recording does not have"

@@ -18,8 +18,10 @@ use super::compare::{Difference, difference};
 use super::recorded;
 use super::source::Answer;
 
-/// Controllers that all explain the recording so far.
-const MOST: usize = 16;
+/// Controllers that all explain the recording so far, at most: in flight a
+/// sample more or less tells only at the next apex, so each doubles their number
+/// until then. There the last bits leave few of them.
+const MOST: usize = 1024;
 /// Of so many unanswered samples any part may have been seen; of more, all up
 /// to one, or all from one on.
 const ANY_OF: usize = 4;
@@ -40,6 +42,8 @@ pub(super) struct Swap<'a> {
 pub(super) enum Parted {
     /// The commands differ.
     Different(Difference),
+    /// There were more ways than can be followed, and none of those that were.
+    TooManyWays,
     /// From here on it ran a policy that is not in the recording.
     NoPolicy { seq: u64 },
 }
@@ -50,11 +54,13 @@ pub(super) struct Twin<'a> {
     /// What it may be by now, the likeliest first.
     now: Vec<Controller<'a>>,
     swaps: VecDeque<Swap<'a>>,
+    /// Whether some of what it may be was left out.
+    is_pruned: bool,
 }
 
 impl<'a> Twin<'a> {
     pub(super) fn new(fresh: Controller<'a>, swaps: VecDeque<Swap<'a>>) -> Self {
-        Self { now: vec![fresh.clone()], fresh, swaps }
+        Self { now: vec![fresh.clone()], fresh, swaps, is_pruned: false }
     }
 
     /// Its answer, of a controller that saw every sample.
@@ -88,6 +94,7 @@ impl<'a> Twin<'a> {
                     }
                 }
                 if explains.len() == MOST {
+                    self.is_pruned = true;
                     break 'all;
                 }
             }
@@ -98,7 +105,11 @@ impl<'a> Twin<'a> {
             let mut controller = self.fresh.clone();
             let replayed = controller.tick(Some(&answer.sample));
             if difference(&recorded, &replayed).is_some() {
-                return Err(Parted::Different(first));
+                return Err(if self.is_pruned {
+                    Parted::TooManyWays
+                } else {
+                    Parted::Different(first)
+                });
             }
             begun_anew = true;
             explains.push(controller);

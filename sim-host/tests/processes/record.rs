@@ -319,6 +319,19 @@ fn a_replay_finds_one_bit_and_goes_as_far_as_nothing_is_missing() {
 }
 
 #[test]
+fn a_run_in_real_time_replays_too_whatever_was_missed() {
+    let place = Place::new();
+    let path = place.file("real-time.mcap");
+    let run = ["--spawn", "--real-time", "--duration", "3", "--record", text(&path)];
+    place.alone(&run).end().assert_ok();
+    let (ticks, _, warning) = read(&path);
+    assert_eq!((ticks.len(), warning), (3000, None));
+    let report = replay::replay(&path, None).unwrap();
+    assert!(report.equal && report.first_difference.is_none(), "{report}");
+    assert!(report.pace == "real-time" && report.compared > 100, "{report}");
+}
+
+#[test]
 fn a_replay_swaps_policies_as_the_run_did() {
     let place = Place::new();
     let path = place.file("swap.mcap");
