@@ -3,7 +3,7 @@
 //!
 //! In lock-step the controller has seen every sample, so the same one must give
 //! the same commands, to the last bit. In real time it may have missed some,
-//! and what it saw is not recorded; see [`twin`].
+//! and what it saw is not recorded; see `twin`.
 
 mod compare;
 mod report;
