@@ -58,6 +58,7 @@ fn main() {
         privileges: Privileges { priority: args.rt_priority, cpu: args.cpu },
         live: false,
         shared: Shared::default(),
+        listener: None,
     };
     let mut task = Nothing(u64::from(args.seconds) * u64::from(args.rate));
     let (Ok(()), tally) = run(&options, &mut task, &Stop::default(), || ());

@@ -49,8 +49,9 @@ impl Args {
     }
 
     /// How its loop is run.
-    fn of_loop(&self, rate_hz: u32, shared: Shared) -> LoopOptions {
-        self.clock.options(Role::Leg, rate_hz, shared)
+    fn of_loop(&self, rate_hz: u32, shared: Shared, recording: &Recording) -> LoopOptions {
+        let listener = recording.listener();
+        LoopOptions { listener, ..self.clock.options(Role::Leg, rate_hz, shared) }
     }
 }
 
@@ -101,9 +102,9 @@ fn two_processes(
         let timing = move || serde_json::to_value(&*report.lock().ok()?).ok();
         let operated =
             run::operated(&args.domain(), scenario.rate_hz, Pace::RealTime, stop, timing);
+        let options = args.real_time.options(epoch);
+        let of_loop = args.real_time.of_loop(scenario.rate_hz, shared, recording);
         let mut hooks = (recording, operated);
-        let (options, of_loop) =
-            (args.real_time.options(epoch), args.real_time.of_loop(scenario.rate_hz, shared));
         Ok(real_time::run(scenario, &mut link, options, &of_loop, stop, look, &mut hooks))
     })
 }
@@ -132,7 +133,7 @@ fn in_process(
         });
         let (leg, of_loop) = (
             args.real_time.options(epoch),
-            args.real_time.of_loop(scenario.rate_hz, Shared::default()),
+            args.real_time.of_loop(scenario.rate_hz, Shared::default(), recording),
         );
         let played = real_time::run(scenario, &mut link, leg, &of_loop, stop, || (), recording);
         // Also when the run broke off: the controller sees that its leg has left.

@@ -3,10 +3,11 @@
 use std::path::Path;
 
 use controller::host::Pace;
+use controller::host::realtime::{Listener, Word};
 use controller::policy::Policy;
 
 use super::misuse;
-use crate::record::schema::{Config, End, Policy as PolicyMessage};
+use crate::record::schema::{Config, End, Loop, Policy as PolicyMessage};
 use crate::record::{OnFull, PolicyWatch, RecordError, Recorder, Tap};
 use crate::scenario::{Scenario, Settings};
 use crate::session::{Hooks, Options, Outcome, TickRecord};
@@ -59,6 +60,17 @@ impl Recording {
             let notes = active.recorder.notes();
             active.policies = Some(PolicyWatch::begin(domain, epoch, notes));
         }
+    }
+
+    /// What is to see the rows of the loop, to record them too.
+    pub(super) fn listener(&self) -> Option<Listener> {
+        let notes = self.0.as_ref()?.recorder.notes();
+        Some(Listener::new(move |row| {
+            // Outside of a run there is no tick to speak of.
+            if matches!(row.word, Word::New | Word::Stale) {
+                notes.loop_row(Loop::of(row));
+            }
+        }))
     }
 
     /// Takes in a tick.

@@ -3,10 +3,11 @@
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use controller::host::Pace;
+use controller::host::realtime::{Row, Word};
 use controller::policy;
 use controller::wire::WIRE_VERSION;
 
-use super::schema::{Config, End, Policy};
+use super::schema::{Config, End, Loop, Policy};
 use crate::scenario::{Scenario, Settings};
 use crate::session::{Ending, Outcome};
 
@@ -50,6 +51,21 @@ impl Policy {
         let crc32 = blob.last_chunk().copied().map_or(0, u32::from_le_bytes);
         let name = policy.manifest().name.to_owned();
         Self { name, crc32, blob: blob.to_vec(), epoch, seq }
+    }
+}
+
+impl Loop {
+    /// A row of the leg's loop.
+    #[must_use]
+    pub fn of(row: &Row) -> Self {
+        Self {
+            seq: row.seq,
+            lateness_ns: i64::try_from(row.lateness_ns).unwrap_or(i64::MAX),
+            tick_ns: row.work_ns,
+            sample_age_ns: row.sample_age_ns.unwrap_or(0),
+            round_trip_ns: row.round_trip_ns.unwrap_or(0),
+            flags: u32::from(row.word == Word::Stale) | u32::from(row.safe) << 1,
+        }
     }
 }
 

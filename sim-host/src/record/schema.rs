@@ -384,7 +384,7 @@ pub struct Loop {
     /// From that sample to its command, ns.
     #[prost(uint64, tag = "5")]
     pub round_trip_ns: u64,
-    /// What was out of order in it.
+    /// What was out of order in it: 1 no new command, 2 a safe command in force.
     #[prost(uint32, tag = "6")]
     pub flags: u32,
 }

@@ -1,5 +1,6 @@
 //! The clerk: a thread beside the loop that makes figures and messages of its rows.
 
+use std::fmt;
 use std::io::{IsTerminal, Write, stderr};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -26,6 +27,24 @@ const LIVE: Duration = Duration::from_secs(1);
 /// takes its safe command.
 const LOST_AFTER_TICKS: u64 = 10;
 
+/// Sees every row of a loop: a recorder does. Called by the clerk, so it may
+/// take its time, though not for long: rows wait for two seconds.
+#[derive(Clone)]
+pub struct Listener(Arc<dyn Fn(&Row) + Send + Sync>);
+
+impl Listener {
+    /// Calls a function with every row.
+    pub fn new(hear: impl Fn(&Row) + Send + Sync + 'static) -> Self {
+        Self(Arc::new(hear))
+    }
+}
+
+impl fmt::Debug for Listener {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Listener")
+    }
+}
+
 /// The thread's work.
 #[derive(Debug)]
 pub struct Clerk {
@@ -34,6 +53,7 @@ pub struct Clerk {
     shared: Shared,
     watch: Watch,
     live: bool,
+    listener: Option<Listener>,
 }
 
 impl Clerk {
@@ -46,7 +66,14 @@ impl Clerk {
             shared,
             watch: Watch::new(role, rate_hz),
             live,
+            listener: None,
         }
+    }
+
+    /// The same, with somebody who sees every row.
+    #[must_use]
+    pub fn with_listener(self, listener: Option<Listener>) -> Self {
+        Self { listener, ..self }
     }
 
     /// Works until the loop is over and its last row is read.
@@ -58,6 +85,9 @@ impl Clerk {
             let last = over.load(Ordering::Acquire);
             while let Ok(row) = self.rows.pop() {
                 self.tally.take(&row);
+                if let Some(Listener(hear)) = &self.listener {
+                    hear(&row);
+                }
                 if let Some(message) = self.watch.hear(&row) {
                     say(in_place, &format!("{}: {message}\n", self.watch.role));
                 }

@@ -90,6 +90,7 @@ impl RealTimeArgs {
             privileges: Privileges { priority: self.rt_priority, cpu: self.cpu },
             live: self.live,
             shared,
+            listener: None,
         }
     }
 }

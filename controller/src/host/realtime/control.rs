@@ -136,6 +136,7 @@ impl<L: ControllerLink, W: Law> Task for ControllerTask<L, W> {
             word: if sample.is_some() { Word::New } else { Word::Stale },
             safe: command.header.flags & flags::SAFE != 0,
             epoch: command.header.epoch,
+            seq: command.header.seq,
             sample_age_ns: age_ns,
             round_trip_ns: age_ns.map(|age| age + clock.now_ns().saturating_sub(taken_ns)),
             over: false,

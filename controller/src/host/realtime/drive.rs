@@ -8,7 +8,7 @@ use rtrb::{Consumer, Producer, RingBuffer};
 
 use super::super::card::Role;
 use super::super::stop::Stop;
-use super::clerk::{Clerk, Shared};
+use super::clerk::{Clerk, Listener, Shared};
 use super::clock::{Clock, Monotonic};
 use super::grid::Grid;
 use super::pacer::{Pacer, Tick};
@@ -44,6 +44,8 @@ pub struct Done {
     pub safe: bool,
     /// The run.
     pub epoch: u32,
+    /// Its tick.
+    pub seq: u64,
     /// How old the sample is that the tick went by, ns.
     pub sample_age_ns: Option<u64>,
     /// From a sample to its command, ns.
@@ -99,6 +101,7 @@ impl Log {
             word: done.word,
             safe: done.safe,
             epoch: done.epoch,
+            seq: done.seq,
             counters: *c,
         };
         self.counters.dropped_rows += u64::from(self.rows.push(row).is_err());
@@ -145,6 +148,8 @@ pub struct Options {
     pub live: bool,
     /// Where the figures so far are found by others, ten times a second.
     pub shared: Shared,
+    /// Who sees every row, from the clerk's thread.
+    pub listener: Option<Listener>,
 }
 
 /// Sets on drop, whatever happens.
@@ -171,7 +176,8 @@ pub fn run<T: Task>(
     let grid = Grid::of(role, rate_hz);
     let clock = Monotonic::new(options.spin, grid.tick_ns());
     let (mut log, rows) = Log::new(rate_hz);
-    let clerk = Clerk::new(role, rate_hz, rows, options.shared.clone(), options.live);
+    let clerk = Clerk::new(role, rate_hz, rows, options.shared.clone(), options.live)
+        .with_listener(options.listener.clone());
     let over = AtomicBool::new(false);
     thread::scope(|scope| {
         let raise = Raise(&over);

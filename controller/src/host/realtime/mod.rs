@@ -39,7 +39,7 @@ pub mod serve;
 mod tally;
 mod watch;
 
-pub use clerk::{Clerk, Shared};
+pub use clerk::{Clerk, Listener, Shared};
 pub use clock::{Clock, Monotonic};
 pub use control::{ControllerTask, Ends, Law, Plain};
 pub use drive::{Done, Log, Task, drive, run};

@@ -69,6 +69,9 @@ pub struct Row {
     pub safe: bool,
     /// The run.
     pub epoch: u32,
+    /// The tick of the run that the leg played last, or the number of the sample
+    /// that the controller answered last.
+    pub seq: u64,
     /// All counts so far, this tick's included.
     pub counters: Counters,
 }

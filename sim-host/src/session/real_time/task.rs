@@ -112,6 +112,7 @@ impl<'a, 'l, L: LegLink, H: Hooks> LegTask<'a, 'l, L, H> {
             word: if is_new { Word::New } else { Word::Stale },
             safe: is_safe,
             epoch: self.epoch,
+            seq: self.leg.seq().saturating_sub(1),
             sample_age_ns: self.in_force.and_then(|header| self.sent.age_ns(&header, now_ns)),
             round_trip_ns: round_trip_ns.filter(|_| is_new),
             over: false,
