@@ -26,6 +26,7 @@ pub mod office;
 pub mod operated;
 pub mod patient;
 mod payload;
+pub mod print;
 pub mod realtime;
 pub mod serial;
 pub mod serve;

@@ -2,7 +2,7 @@
 
 use std::process::{Command, ExitCode, Stdio};
 
-use controller::host::Domain;
+use controller::host::{Domain, print};
 
 use crate::bench::{self, Size};
 
@@ -64,9 +64,9 @@ fn measure(args: &LoopArgs) -> anyhow::Result<()> {
     let report = report?;
     anyhow::ensure!(ended.success(), "the other process failed ({ended}); its message is above");
     if args.json {
-        println!("{}", serde_json::to_string(&report)?);
+        print::line(serde_json::to_string(&report)?)?;
     } else {
-        println!("{report}");
+        print::line(report)?;
     }
     Ok(())
 }

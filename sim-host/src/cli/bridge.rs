@@ -4,12 +4,12 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use controller::control::Config;
-use controller::host::Stop;
 use controller::host::cli::Meeting;
 use controller::host::domain::DomainError;
 use controller::host::serial::stream::EndpointArgs;
 use controller::host::serial::{ByteStream, Noisy, OpenError};
 use controller::host::shm::ConnectError;
+use controller::host::{Stop, print};
 use controller::serial::message::Mode;
 
 use super::misuse;
@@ -93,9 +93,9 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         error.into()
     })?;
     if args.json {
-        println!("{}", serde_json::to_string(&report)?);
+        print::line(serde_json::to_string(&report)?)?;
     } else {
-        println!("{report}");
+        print::line(report)?;
     }
     Ok(ExitCode::SUCCESS)
 }

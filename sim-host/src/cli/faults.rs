@@ -2,12 +2,14 @@
 
 use std::process::ExitCode;
 
+use controller::host::print;
+
 use crate::faults::help;
 
 /// Prints the faults that there are.
-pub(super) fn main() -> ExitCode {
-    print!("{}", help());
-    ExitCode::SUCCESS
+pub(super) fn main() -> anyhow::Result<ExitCode> {
+    print::line(help())?;
+    Ok(ExitCode::SUCCESS)
 }
 
 /// Whether the program was called with `--fault help`.

@@ -72,28 +72,28 @@ enum Command {
 /// Runs the program; gives its exit status.
 #[must_use]
 pub fn main() -> ExitCode {
-    if faults::asked_for() {
-        return faults::main();
-    }
-    let program = Program::parse();
-    let outcome = match program.command {
-        None => shore::main(&program.shore),
-        Some(Command::Run(args)) => run::main(&args),
-        Some(Command::Bridge(args)) => bridge::main(&args),
-        Some(Command::Watch(args)) => watch::main(&args),
-        Some(Command::Replay(args)) => replay::main(&args),
-        Some(Command::Robustness(args)) => robustness::main(&args),
-        Some(Command::Faults) => return faults::main(),
-        Some(Command::Plot(args)) => plot::main(&args),
-        Some(Command::Recorder { path }) => return crate::record::recorder(&path),
-        Some(Command::Apex(args)) => apex::main(&args),
-        Some(Command::Bench { what }) => bench::main(&what),
-        Some(Command::Controller(args)) => return controller::host::cli::main(&args),
-    };
+    let outcome = if faults::asked_for() { faults::main() } else { play(&Program::parse()) };
     outcome.unwrap_or_else(|error| {
         eprintln!("sim-host: {error:#}");
         ExitCode::from(if error.is::<Misuse>() { 2 } else { 1 })
     })
+}
+
+fn play(program: &Program) -> anyhow::Result<ExitCode> {
+    match &program.command {
+        None => shore::main(&program.shore),
+        Some(Command::Run(args)) => run::main(args),
+        Some(Command::Bridge(args)) => bridge::main(args),
+        Some(Command::Watch(args)) => watch::main(args),
+        Some(Command::Replay(args)) => replay::main(args),
+        Some(Command::Robustness(args)) => robustness::main(args),
+        Some(Command::Faults) => faults::main(),
+        Some(Command::Plot(args)) => plot::main(args),
+        Some(Command::Recorder { path }) => Ok(crate::record::recorder(path)),
+        Some(Command::Apex(args)) => apex::main(args),
+        Some(Command::Bench { what }) => bench::main(what),
+        Some(Command::Controller(args)) => Ok(controller::host::cli::main(args)),
+    }
 }
 
 /// An error that the caller can put right: exit status 2.

@@ -8,7 +8,7 @@ use controller::control::Controller;
 use controller::host::realtime::cli::{RealTimeArgs, parse_cpu};
 use controller::host::realtime::drive::Options as LoopOptions;
 use controller::host::realtime::{self, Ends, LoopReport, Plain, Shared};
-use controller::host::{Pace, Role, Stop, memory};
+use controller::host::{Pace, Role, Stop, memory, print};
 
 use super::recording::Recording;
 use super::{checked_policy, misuse, run};
@@ -73,12 +73,12 @@ pub(super) fn main(
         json["pace"] = serde_json::to_value(Pace::RealTime)?;
         json["loop"] = serde_json::to_value(report)?;
         json["controller_loop"] = serde_json::to_value(controller)?;
-        println!("{json}");
+        print::line(json)?;
     } else {
-        run::print_summary(&outcome);
-        println!("state hash {:016x}\n\n{report}", outcome.state_hash);
+        run::print_summary(&outcome)?;
+        print::line(format_args!("state hash {:016x}\n\n{report}", outcome.state_hash))?;
         if let Some(report) = controller {
-            println!("\n{report}");
+            print::line(format_args!("\n{report}"))?;
         }
     }
     let status = run::verdict(&outcome);

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use controller::host::blob::PolicyBlob;
+use controller::host::print;
 
 use super::misuse;
 use crate::replay;
@@ -31,9 +32,9 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         eprintln!("sim-host: warning: {warning}");
     }
     if args.json {
-        println!("{}", serde_json::to_string(&report)?);
+        print::line(serde_json::to_string(&report)?)?;
     } else {
-        print!("{report}");
+        print::line(&report)?;
     }
     Ok(if report.equal { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

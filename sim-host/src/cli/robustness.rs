@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Context;
+use controller::host::print;
 
 use super::{checked_policy, misuse};
 use crate::output::Pending;
@@ -63,9 +64,10 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     finish(svg, &drawn)?;
     finish(csv, &report.csv())?;
     if args.json {
-        println!("{}", serde_json::to_string(&report)?);
+        print::line(serde_json::to_string(&report)?)?;
     } else {
-        println!("{report}\n  picture: {}", args.out.join("robustness.svg").display());
+        let picture = args.out.join("robustness.svg");
+        print::line(format_args!("{report}\n  picture: {}", picture.display()))?;
     }
     Ok(ExitCode::SUCCESS)
 }

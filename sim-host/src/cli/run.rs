@@ -1,5 +1,6 @@
 //! `sim-host run`.
 
+use std::io;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -8,7 +9,7 @@ use controller::host::cli::{Meeting as MeetingArgs, SAY_AFTER, other_leg};
 use controller::host::domain::DomainError;
 use controller::host::patient::Notice;
 use controller::host::shm::ConnectError;
-use controller::host::{Pace, Role, Stop, Terms};
+use controller::host::{Pace, Role, Stop, Terms, print};
 use controller::policy::Policy;
 use controller::wire::Sample;
 
@@ -74,11 +75,11 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let recorded = recording.finish(outcome.as_ref());
     let outcome = outcome?;
     if args.json {
-        println!("{}", serde_json::to_string(&outcome.report())?);
+        print::line(serde_json::to_string(&outcome.report())?)?;
     } else {
-        print_summary(&outcome);
+        print_summary(&outcome)?;
         let us = outcome.round_trips.quantiles_us();
-        println!(
+        print::line(format_args!(
             "{:.0} ticks/s; {} round trip p50 {:.2} us, p99 {:.2} us, p99.9 {:.2} us, max {:.1} us",
             outcome.ticks_per_s(),
             Role::Controller,
@@ -86,8 +87,8 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
             us.p99,
             us.p99_9,
             us.max
-        );
-        println!("state hash {:016x}", outcome.state_hash);
+        ))?;
+        print::line(format_args!("state hash {:016x}", outcome.state_hash))?;
     }
     let status = verdict(&outcome);
     recorded?;
@@ -226,7 +227,7 @@ pub(super) fn meet<R>(
     })
 }
 
-pub(super) fn print_summary(outcome: &Outcome) {
+pub(super) fn print_summary(outcome: &Outcome) -> io::Result<()> {
     let report = outcome.report();
     let ending = match outcome.ending {
         Ending::Duration => "time over",
@@ -234,13 +235,13 @@ pub(super) fn print_summary(outcome: &Outcome) {
         Ending::Fall => "fell",
         Ending::Stopped => "stopped",
     };
-    println!(
+    print::line(format_args!(
         "{ending} after {:.3} s ({} ticks), {:.3} m",
         report.sim_time_s, report.ticks, report.distance_m
-    );
-    println!(
+    ))?;
+    print::line(format_args!(
         "hops {}, apexes {}, falls {}, ticks in the safe state {}, samples rejected {}",
         report.hops, report.apexes, report.falls, report.safe_ticks, report.rejected
-    );
-    report.faults.iter().for_each(|fault| println!("{fault}"));
+    ))?;
+    report.faults.iter().try_for_each(print::line)
 }

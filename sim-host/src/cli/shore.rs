@@ -1,12 +1,12 @@
 //! `sim-host` alone: the main job.
 
-use std::io::{IsTerminal, Write};
+use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::Context;
-use controller::host::{Pace, Stop};
+use controller::host::{Pace, Stop, print};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::checked_policy;
@@ -49,7 +49,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let scenario = Scenario::shore();
     let record = args.record.as_deref();
     let mut recording = Recording::begin(record, &Settings::shore(), &scenario, Pace::LockStep)?;
-    let mut journal = (!args.json).then(|| Journal::begin(&name, &scenario));
+    let mut journal = (!args.json).then(|| Journal::begin(&name, &scenario)).transpose()?;
     let mut recorder = Recorder::default();
     let stop = Stop::on_signals()?;
     let meeting = meeting(args, &scenario);
@@ -77,9 +77,9 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let report = recorder.report(&outcome, scenario.density.at(outcome.body.x_m));
     draw(picture, &recorder, &scenario).with_context(|| cannot_write(&path))?;
     if args.json {
-        println!("{}", serde_json::to_string(&report)?);
+        print::line(serde_json::to_string(&report)?)?;
     } else {
-        println!("\n{report}\n  picture: {}", path.display());
+        print::line(format_args!("\n{report}\n  picture: {}", path.display()))?;
     }
     if report.falls > 0 {
         eprintln!("sim-host: the leg fell at x = {:.2} m", outcome.body.x_m);
@@ -134,15 +134,15 @@ struct Journal {
 }
 
 impl Journal {
-    fn begin(policy: &str, scenario: &Scenario) -> Self {
-        println!(
-            "Out of the sea: policy `{policy}`, {} Hz, lock-step, two processes\n",
+    fn begin(policy: &str, scenario: &Scenario) -> io::Result<Self> {
+        print::line(format_args!(
+            "Out of the sea: policy `{policy}`, {} Hz, lock-step, two processes",
             scenario.rate_hz
-        );
-        println!(
-            "  {:>7}  {:>8}  {:>12}  {:>9}  {:>7}  {:>9}",
+        ))?;
+        print::line(format_args!(
+            "\n  {:>7}  {:>8}  {:>12}  {:>9}  {:>7}  {:>9}",
             "time", "distance", "apex velocity", "set-point", "density", "estimated"
-        );
+        ))?;
         let bar = if std::io::stderr().is_terminal() {
             let length_m = scenario.distance_m.unwrap_or(scenario.duration_s);
             ProgressBar::new((1e3 * length_m) as u64)
@@ -151,7 +151,7 @@ impl Journal {
         };
         let style = ProgressStyle::with_template("  {wide_bar} {msg} ETA {eta}");
         bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-        Self { bar, next_m: 0.0 }
+        Ok(Self { bar, next_m: 0.0 })
     }
 
     fn tick(&mut self, tick: &TickRecord<'_>, apex: Option<ApexMark>) {
@@ -166,7 +166,8 @@ impl Journal {
             let line = format!(
                 "  {t_s:>5.1} s  {x_m:>6.2} m  {vx_m_s:>8.3} m/s  {set_point_m_s:>5.1} m/s  {density_ratio:>7.3}  {density_estimate:>9.3}"
             );
-            self.bar.suspend(|| println!("{line}"));
+            // What cannot be said on the way need not stop the run: the report will say why.
+            let _ = self.bar.suspend(|| print::line(line));
         }
     }
 

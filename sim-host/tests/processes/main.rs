@@ -10,6 +10,7 @@ mod swap;
 mod watch;
 
 use std::fs;
+use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use place::{Place, text};
@@ -21,6 +22,24 @@ const PATIENT: [&str; 2] = ["--timeout", "30"];
 /// Outlives its test.
 const ENDLESS: [&str; 4] = ["--duration", "80000", "--timeout", "30"];
 const SHORT: [&str; 4] = ["--duration", "20", "--start-vx", "0.2"];
+
+/// As under `| head -1`.
+#[test]
+fn a_reader_that_has_gone_is_no_failure_and_a_full_disk_is_one() {
+    let to = |out: Stdio| {
+        let mut program = Command::new(place::PROGRAM);
+        program.args(["run", "--in-process", "--duration", "1"]).stdout(out).output().unwrap()
+    };
+    let (reader, gone) = std::io::pipe().unwrap();
+    drop(reader);
+    let run = to(gone.into());
+    assert!(run.status.success() && run.stderr.is_empty(), "{run:?}");
+    let full = fs::File::options().write(true).open("/dev/full").unwrap();
+    let run = to(full.into());
+    assert_eq!(run.status.code(), Some(1));
+    let said = String::from_utf8_lossy(&run.stderr).into_owned();
+    assert!(said.contains("No space left") && !said.contains("panicked"), "{said}");
+}
 
 #[test]
 fn the_same_run_has_the_same_hash_with_any_controller() {

@@ -3,7 +3,6 @@
 use super::{Failure, failed};
 use anyhow::anyhow;
 use sim_host::output::{Pending, replace};
-use std::io::Write;
 use std::path::Path;
 
 /// A file to write, and the option that names it.
@@ -33,5 +32,5 @@ impl Target<'_> {
 
 /// Prints a text and a newline.
 pub(crate) fn print(text: &str) -> Result<(), Failure> {
-    writeln!(std::io::stdout().lock(), "{text}").map_err(failed)
+    controller::host::print::line(text).map_err(failed)
 }

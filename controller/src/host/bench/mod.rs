@@ -3,14 +3,15 @@
 mod count;
 mod workload;
 
-use std::fmt;
 use std::path::PathBuf;
 use std::process::Command;
 use std::time::Instant;
+use std::{fmt, io};
 
 use serde_json::{Map, Value, json};
 
 use super::blob::{BlobError, PolicyBlob};
+use super::print;
 use crate::policy::Policy;
 use count::{CountError, Counts};
 use workload::{Kind, Moment, Ticks, infer};
@@ -47,6 +48,9 @@ pub enum BenchError {
     /// The instructions' counter failed in the copy.
     #[error("cannot be counted: {0}")]
     Copy(String),
+    /// The figures cannot be printed.
+    #[error("cannot print the figures: {0}")]
+    Print(#[from] io::Error),
 }
 
 /// Times of one kind of work, ns, each the mean of a batch.
@@ -85,9 +89,9 @@ pub fn run(args: &Args) -> Result<(), BenchError> {
         counts: copy(args).map_err(CountError::Start).and_then(|mut copy| count::count(&mut copy)),
     };
     if args.json {
-        println!("{}", measured.json());
+        print::line(measured.json())?;
     } else {
-        println!("{measured}");
+        print::line(measured)?;
     }
     Ok(())
 }

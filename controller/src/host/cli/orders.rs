@@ -1,21 +1,21 @@
 //! `controller swap` and `controller status`: what a running controller is told
 //! and asked.
 
-use std::fmt;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant, UNIX_EPOCH};
+use std::{fmt, io};
 
 use serde::de::DeserializeOwned;
 
 use super::{Meeting, say};
-use crate::host::Role;
 use crate::host::blob::{BlobError, PolicyBlob};
 use crate::host::card::Pace;
 use crate::host::desk::requests::{Activity, Moment, Request, Status, Swapping};
 use crate::host::desk::{self, AskError};
 use crate::host::domain::DomainError;
 use crate::host::realtime::LoopReport;
+use crate::host::{Role, print};
 
 /// Between two looks whether a swap is in force.
 const LOOK: Duration = Duration::from_millis(10);
@@ -57,7 +57,10 @@ pub enum OrderError {
     Ask(#[from] AskError),
     /// The result cannot be printed.
     #[error("cannot print the result: {0}")]
-    Print(#[from] serde_json::Error),
+    Json(#[from] serde_json::Error),
+    /// The result cannot be printed.
+    #[error("cannot print the result: {0}")]
+    Print(#[from] io::Error),
 }
 
 impl OrderError {
@@ -107,22 +110,20 @@ fn try_swap(args: &SwapArgs) -> Result<(), OrderError> {
         std::thread::sleep(LOOK);
     };
     if *json {
-        println!("{}", serde_json::to_string(&status)?);
+        print::line(serde_json::to_string(&status)?)?;
         return Ok(());
     }
     let Swapping { policy, instead_of, .. } = &swapping;
-    print!("the policy {} ({}) ", policy.name, policy.crc32);
-    if status.swaps >= swapping.number {
+    let outcome = if status.swaps >= swapping.number {
         let at = status.since.map_or_else(String::new, |at| format!(" from {}", Tick(at)));
-        println!("runs{at}, instead of {} ({})", instead_of.name, instead_of.crc32);
+        format!("runs{at}, instead of {} ({})", instead_of.name, instead_of.crc32)
     } else if status.activity == Activity::Waiting {
-        println!("is taken, and runs as soon as a leg comes");
+        "is taken, and runs as soon as a leg comes".to_owned()
     } else {
-        println!(
-            "is taken, and still waits for an apex after {:.1} s",
-            begun.elapsed().as_secs_f64()
-        );
-    }
+        let waited_s = begun.elapsed().as_secs_f64();
+        format!("is taken, and still waits for an apex after {waited_s:.1} s")
+    };
+    print::line(format_args!("the policy {} ({}) {outcome}", policy.name, policy.crc32))?;
     Ok(())
 }
 
@@ -134,9 +135,9 @@ pub(super) fn status(args: &StatusArgs) -> ExitCode {
 fn try_status(args: &StatusArgs) -> Result<(), OrderError> {
     let status: Status = ask(&args.meeting, &Request::Status)?;
     if args.json {
-        println!("{}", serde_json::to_string(&status)?);
+        print::line(serde_json::to_string(&status)?)?;
     } else {
-        print!("{}", Table(&status));
+        print::line(Table(&status))?;
     }
     Ok(())
 }

@@ -17,7 +17,7 @@ use crate::host::blob::{BlobError, PolicyBlob};
 use crate::host::cli::parse_timeout;
 use crate::host::flash::MemoryFlash;
 use crate::host::socket::{SocketError, SocketFile};
-use crate::host::{Role, Stop};
+use crate::host::{Role, Stop, print};
 use crate::serial::PROTOCOL_VERSION;
 use crate::serial::message::{Mode, Slot, SlotReport};
 
@@ -136,7 +136,7 @@ fn run(command: &Command) -> Result<(), CommandError> {
     match command {
         Command::Identify(line) => {
             let who = connect(line, &stop)?.1;
-            print(line, &who_json(&who), &who_text(&who));
+            print(line, &who_json(&who), &who_text(&who))?;
         }
         Command::Policy { command } => policy(command, &stop)?,
         Command::VirtualBoard(args) => virtual_board(args, &stop)?,
@@ -152,7 +152,7 @@ fn policy(command: &PolicyCommand, stop: &Stop) -> Result<(), CommandError> {
             let rows = || Slot::ALL.into_iter().zip(&slots);
             let json: Vec<_> = rows().map(|(name, slot)| slot_json(name, slot)).collect();
             let text: Vec<_> = rows().map(|(name, slot)| slot_text(name, slot)).collect();
-            print(line, &json!({ "slots": json }), &text.join("\n"));
+            print(line, &json!({ "slots": json }), &text.join("\n"))?;
         }
         PolicyCommand::Upload { file, line, wait } => {
             // First of all: a bad file is never begun with.
@@ -183,7 +183,7 @@ fn policy(command: &PolicyCommand, stop: &Stop) -> Result<(), CommandError> {
                 slot_name(slot),
                 swapped(done.swapped_after)
             );
-            print(line, &json, &text);
+            print(line, &json, &text)?;
         }
         PolicyCommand::RollBack { line, wait } => {
             let (mut client, _) = connect(line, stop)?;
@@ -203,7 +203,7 @@ fn policy(command: &PolicyCommand, stop: &Stop) -> Result<(), CommandError> {
                 slot_name(slot),
                 swapped(after)
             );
-            print(line, &json, &text);
+            print(line, &json, &text)?;
         }
     }
     Ok(())
@@ -230,12 +230,9 @@ fn virtual_board(args: &VirtualBoardArgs, stop: &Stop) -> Result<(), CommandErro
         .map_err(|cause| CommandError::System("listen", cause))
 }
 
-fn print(line: &Line, json: &Value, text: &str) {
-    if line.json {
-        println!("{json}");
-    } else {
-        println!("{text}");
-    }
+fn print(line: &Line, json: &Value, text: &str) -> Result<(), CommandError> {
+    let printed = if line.json { print::line(json) } else { print::line(text) };
+    printed.map_err(|cause| CommandError::System("print the result", cause))
 }
 
 fn show(progress: Progress) {
