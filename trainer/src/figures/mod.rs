@@ -11,7 +11,13 @@ mod agents;
 mod claim;
 mod fig03;
 mod fig04;
+mod fig05;
+mod fig06;
+mod fig08;
+mod landscape;
+mod landscape_sheet;
 mod learning;
+mod one_step;
 mod page;
 pub mod picture;
 mod reference;
@@ -55,5 +61,11 @@ pub struct Made {
 /// Every figure, in the order of the paper.
 #[must_use]
 pub fn all() -> Vec<Box<dyn Figure>> {
-    vec![Box::new(fig03::Fig03), Box::new(fig04::Fig04)]
+    vec![
+        Box::new(fig03::Fig03),
+        Box::new(fig04::Fig04),
+        Box::new(fig05::Fig05),
+        Box::new(fig06::Fig06),
+        Box::new(fig08::Fig08),
+    ]
 }
