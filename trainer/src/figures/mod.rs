@@ -8,13 +8,22 @@
 //! number of threads.
 
 mod agents;
+mod beyond;
+mod body;
 mod claim;
 mod fig03;
 mod fig04;
+mod fig07;
+mod fig09;
+mod fig11;
+mod fig12;
+mod fig13;
+mod flown;
 mod learning;
 mod page;
 pub mod picture;
 mod reference;
+mod sensed;
 mod workshop;
 
 pub use claim::{Claim, Verdict};
@@ -55,5 +64,15 @@ pub struct Made {
 /// Every figure, in the order of the paper.
 #[must_use]
 pub fn all() -> Vec<Box<dyn Figure>> {
-    vec![Box::new(fig03::Fig03), Box::new(fig04::Fig04)]
+    vec![
+        Box::new(fig03::Fig03),
+        Box::new(fig04::Fig04),
+        Box::new(fig07::Fig07),
+        Box::new(fig09::FIG09),
+        Box::new(fig09::FIG10),
+        Box::new(fig11::Fig11),
+        Box::new(fig12::Fig12),
+        Box::new(fig13::Fig13),
+        Box::new(beyond::Beyond),
+    ]
 }
