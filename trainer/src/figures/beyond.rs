@@ -90,6 +90,9 @@ const WORLDS: [(&str, f64); 3] = [
     ("moon", Medium::MOON.gravity_m_s2()),
 ];
 
+/// Density, set-point, and mean and oscillation, m/s; none after a fall.
+type Followed = (f64, f64, Option<(f64, f64)>);
+
 /// What an agent does by density.
 #[derive(Serialize, Deserialize)]
 struct Media {
@@ -98,8 +101,7 @@ struct Media {
     survive30: [Vec<f64>; 3],
     /// Highest speed, m/s, by density.
     speeds: Vec<f64>,
-    /// Density, set-point, mean and oscillation, m/s; none after a fall.
-    tracking: Vec<(f64, f64, Option<(f64, f64)>)>,
+    tracking: Vec<Followed>,
 }
 
 impl Agent {
@@ -261,8 +263,7 @@ impl Found {
                 "authors" => "the authors', transferred",
                 other => other,
             };
-            let (dashed, label) = (color == AUTHORS, Some(label.to_owned()));
-            Mark::Line { points, color, dashed, label }
+            Mark::line(points, color, label)
         });
         lines.collect()
     }

@@ -270,7 +270,14 @@ impl Terms {
                     p.name(),
                     i.name()
                 );
-                Claim::new(says, measured, Verdict::of(after < before || after <= 1e-3))
+                let verdict = if after <= NONE_M_S || after <= before / 2.0 {
+                    Verdict::Holds
+                } else if after < before {
+                    Verdict::InPart
+                } else {
+                    Verdict::Fails
+                };
+                Claim::new(says, measured, verdict)
             }
             (None, Some(i)) => Claim::new(
                 says,

@@ -97,13 +97,16 @@ fn starts_a_body(extent: Extent) -> usize {
 /// Two media: on land, and in water.
 const MEDIA: [(&str, Medium); 2] = [("air", Medium::AIR), ("water", Medium::WATER)];
 
+/// A body, by its stiffness or its mass, and the share that survives.
+type Line = Vec<(f64, f64)>;
+
 /// Survival by body.
 #[derive(serde::Serialize, serde::Deserialize)]
 pub(super) struct Basin {
     /// On land and in water: stiffness, N/m, and share.
-    by_stiffness: [Vec<(f64, f64)>; 2],
+    by_stiffness: [Line; 2],
     /// On land and in water: mass, kg, and share.
-    pub(super) by_mass: [Vec<(f64, f64)>; 2],
+    pub(super) by_mass: [Line; 2],
     /// Cells each way of the plane, and its values on land and in water.
     cells: usize,
     pub(super) plane: [Vec<f64>; 2],
@@ -216,7 +219,7 @@ fn softer(basin: &Basin) -> Claim {
 }
 
 fn draw(ours: &Basin, theirs: Option<&Basin>) -> Result<String, FiguresError> {
-    let lines = |pick: fn(&Basin) -> &[Vec<(f64, f64)>; 2], label: &str, per: f64| {
+    let lines = |pick: fn(&Basin) -> &[Line; 2], label: &str, per: f64| {
         let scaled = |rows: &[(f64, f64)]| -> Vec<(f64, f64)> {
             rows.iter().map(|(x, share)| (x / per, *share)).collect()
         };
