@@ -105,6 +105,7 @@ struct Gait {
 
 /// One hop in full.
 #[derive(Clone, Debug)]
+#[expect(clippy::struct_field_names, reason = "all are lengths, and say their unit")]
 struct Stride {
     /// Where the mass was, from the apex on: x and y, m.
     path_m: Vec<[f64; 2]>,

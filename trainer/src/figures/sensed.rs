@@ -150,8 +150,11 @@ pub(super) fn claim(all: &[Sensed]) -> Claim {
     )
 }
 
+/// What is drawn: title, axis, value.
+type Kind = (&'static str, &'static str, fn(&Sensed) -> f64);
+
 pub(super) fn panels(all: &[Sensed]) -> Vec<Panel> {
-    let kinds: [(&str, &str, fn(&Sensed) -> f64); 2] = [
+    let kinds: [Kind; 2] = [
         ("error at 0.5 m/s, tick by tick", "error of the mean, m/s", |s| s.error_m_s),
         ("oscillation at 0.5 m/s, tick by tick", "oscillation, m/s", |s| s.swing_m_s),
     ];
