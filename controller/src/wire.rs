@@ -63,6 +63,15 @@ pub struct Sample {
     pub density_ratio: f32,
 }
 
+impl Sample {
+    /// Whether it ends the run: [`flags::END`] and no other flag, so that one bit
+    /// turned over in a sample that has readings does not.
+    #[must_use]
+    pub fn ends_the_run(&self) -> bool {
+        self.header.flags == flags::END
+    }
+}
+
 /// What the leg is to do from its sample's tick to the next, and why.
 ///
 /// The angle is held by the swinging leg. The spring's rest length is

@@ -3,8 +3,15 @@
 pub mod bench;
 pub mod bridge;
 pub mod cli;
+pub mod faults;
+pub mod operate;
 pub mod output;
 pub mod plant;
+pub mod plot;
+pub mod record;
+pub mod replay;
+pub mod robustness;
 pub mod scenario;
 pub mod session;
 pub mod shore;
+pub mod watch;

@@ -43,7 +43,7 @@ fn a_policy_is_trained_evaluated_and_flown_by_a_controller_of_its_own() {
     // Two programs, started apart, meet in shared memory.
     let domain = format!("pipeline-{}", std::process::id());
     let mut controller = tests::program("controller")
-        .args(["--domain", &domain, "--policy"])
+        .args(["--once", "--domain", &domain, "--policy"])
         .arg(&policy)
         .stdout(Stdio::piped())
         .spawn()

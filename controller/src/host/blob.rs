@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use crate::policy::{self, ParseError, Policy};
 
 /// A blob has at most four layers 128 wide: a file beyond this is something else.
-const MAX_BYTES: u64 = 1 << 20;
+pub const MAX_BYTES: u64 = 1 << 20;
 
 /// Why a file is no policy to run.
 #[derive(Debug, thiserror::Error)]
@@ -54,6 +54,12 @@ impl AlignedBytes {
     /// The bytes, to be written to.
     pub fn as_mut_slice(&mut self) -> &mut [u8] {
         &mut bytemuck::cast_slice_mut(&mut self.words)[..self.len]
+    }
+
+    /// The bytes, for the life of the process.
+    #[must_use]
+    pub fn leak(self) -> &'static [u8] {
+        &bytemuck::cast_slice(self.words.leak())[..self.len]
     }
 
     /// Only the first bytes, if there are more.
@@ -107,6 +113,12 @@ impl PolicyBlob {
     pub fn policy(&self) -> Result<Policy<'_>, BlobError> {
         Policy::parse(self.as_slice())
             .map_err(|cause| BlobError::Parse { path: self.path.clone(), cause })
+    }
+
+    /// Its file; words in its place for the shipped policy.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
     }
 
     /// Its bytes.

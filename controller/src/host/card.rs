@@ -198,13 +198,18 @@ pub(super) enum Presence {
     Alive(Option<Card>),
 }
 
-fn path(domain: &Domain, role: Role) -> PathBuf {
-    domain.root().join(format!("{}.card", role.as_str()))
+fn path(root: &Path, role: Role) -> PathBuf {
+    root.join(format!("{}.card", role.as_str()))
 }
 
 /// Looks at the card of `role`.
 pub(super) fn presence(domain: &Domain, role: Role) -> io::Result<Presence> {
-    look(&path(domain, role))
+    presence_in(domain.root(), role)
+}
+
+/// The same, in the folder of a domain that need not be joined.
+pub(super) fn presence_in(root: &Path, role: Role) -> io::Result<Presence> {
+    look(&path(root, role))
 }
 
 fn look(path: &Path) -> io::Result<Presence> {
@@ -250,7 +255,7 @@ impl From<io::Error> for Refusal {
 pub(super) fn take(domain: &Domain, role: Role, terms: Terms) -> Result<Held, Refusal> {
     // A peer that looks at a card locks it for an instant: only a lock that stays is an owner.
     const TRIES: u32 = 10;
-    let path = path(domain, role);
+    let path = path(domain.root(), role);
     for _ in 0..TRIES {
         let mut file =
             File::options().create(true).truncate(false).read(true).write(true).open(&path)?;
@@ -313,7 +318,7 @@ mod tests {
         assert_eq!(look(), Presence::Absent);
 
         // As a killed process leaves it.
-        fs::write(path(&domain, Role::Leg), card.text()).unwrap();
+        fs::write(path(domain.root(), Role::Leg), card.text()).unwrap();
         assert_eq!(look(), Presence::Dead);
         let held = take(&domain, Role::Leg, Terms::at(500)).unwrap();
         assert!(matches!(look(), Presence::Alive(Some(card)) if card.terms.rate_hz == 500));

@@ -1,27 +1,39 @@
 //! The `controller` command line.
 //!
-//! Exit status 0 when the run ended in good order, 2 for what the user must
-//! change (a bad blob, a bad rate), 1 for anything else.
+//! It stays for run after run, until a signal ends it; [`orders`] reach it
+//! meanwhile. Exit status 0 when all ended in good order, 2 for what the user
+//! must change (a bad blob, a bad rate), 1 for anything else.
+
+mod attend;
+mod beside;
+pub mod orders;
+mod real_time;
 
 use std::fmt;
-use std::io;
+use std::io::{self, Write as _};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
 use super::bench::{self, BenchError};
-use super::blob::{BlobError, PolicyBlob};
-use super::domain::{DEFAULT_DOMAIN, Domain, DomainError};
+use super::blob::BlobError;
+use super::card::{Pace, Role};
+use super::domain::{DEFAULT_DOMAIN, DomainError};
+use super::link::LinkError;
+use super::realtime::LoopReport;
+use super::realtime::cli::RealTimeArgs;
 use super::serial::commands;
-use super::serve::{ServeError, serve};
-use super::shm::{ConnectError, ShmController};
-use super::{Role, Stop, Terms};
-use crate::control::{Config, ConfigError, Controller};
+use super::serve::ServeError;
+use super::shelf::ShelfError;
+use super::shm::ConnectError;
+use crate::control::ConfigError;
 use crate::guard::Counts;
 use crate::policy::Manifest;
 
 /// Longest patience that `--timeout` accepts, s.
 const MAX_TIMEOUT_S: f64 = 86_400.0;
+/// How long a peer is waited for when nobody says.
+const TIMEOUT: Duration = Duration::from_secs(10);
 /// A peer that is not there by then is worth a word.
 pub const SAY_AFTER: Duration = Duration::from_secs(1);
 
@@ -40,11 +52,15 @@ pub struct Call {
 enum Command {
     /// Measure the control law on this machine.
     Bench(bench::Args),
+    Swap(orders::SwapArgs),
+    Status(orders::StatusArgs),
     #[command(flatten)]
     Flashed(commands::Command),
 }
 
-/// Runs a policy on a leg: a command for every sample, in lock-step.
+/// Runs a policy on a leg: a command for every sample, in lock-step, in run
+/// after run. SIGHUP has it read the file of --policy again; that policy takes
+/// over at the next apex.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
     /// The policy blob to run [default: the shipped one].
@@ -57,9 +73,19 @@ pub struct Args {
     /// density estimate needs it).
     #[arg(long, value_name = "M_S2", default_value_t = 9.81, allow_negative_numbers = true)]
     pub gravity: f32,
+    /// End after one run. (Else it stays, and waits for the next leg as long as
+    /// it takes, or as --timeout says.)
+    #[arg(long)]
+    pub once: bool,
     /// Where to find the simulator.
     #[command(flatten)]
     pub meeting: Meeting,
+    /// How to tick by the clock.
+    #[command(flatten)]
+    pub real_time: RealTimeArgs,
+    /// Print the figures of a loop in real time as one JSON object.
+    #[arg(long, requires = "real_time")]
+    pub json: bool,
 }
 
 /// Where two processes meet, and how long one waits for the other.
@@ -68,9 +94,9 @@ pub struct Meeting {
     /// Only processes of the same domain see each other [default: default].
     #[arg(long, value_name = "NAME")]
     pub domain: Option<String>,
-    /// How long to wait for a missing or silent peer, s.
-    #[arg(long, value_name = "S", default_value = "10", value_parser = parse_timeout, allow_negative_numbers = true)]
-    pub timeout: Duration,
+    /// How long to wait for a missing or silent peer, s [default: 10].
+    #[arg(long, value_name = "S", value_parser = parse_timeout, allow_negative_numbers = true)]
+    pub timeout: Option<Duration>,
 }
 
 impl Meeting {
@@ -78,6 +104,12 @@ impl Meeting {
     #[must_use]
     pub fn domain(&self) -> &str {
         self.domain.as_deref().unwrap_or(DEFAULT_DOMAIN)
+    }
+
+    /// How long to wait.
+    #[must_use]
+    pub fn timeout(&self) -> Duration {
+        self.timeout.unwrap_or(TIMEOUT)
     }
 }
 
@@ -99,6 +131,9 @@ pub enum CliError {
     /// There is no policy to run.
     #[error(transparent)]
     Policy(#[from] BlobError),
+    /// The policy cannot be kept.
+    #[error("the policy cannot be run: {0}")]
+    Shelf(#[from] ShelfError),
     /// A rate or gravity out of range.
     #[error(transparent)]
     Config(#[from] ConfigError),
@@ -111,9 +146,18 @@ pub enum CliError {
     /// The run broke off.
     #[error(transparent)]
     Serve(#[from] ServeError),
+    /// The loop in real time broke off.
+    #[error(transparent)]
+    Link(#[from] LinkError),
     /// Nothing was measured.
     #[error(transparent)]
     Bench(#[from] BenchError),
+}
+
+impl Args {
+    fn pace(&self) -> Pace {
+        if self.real_time.real_time { Pace::RealTime } else { Pace::LockStep }
+    }
 }
 
 impl CliError {
@@ -122,6 +166,7 @@ impl CliError {
         matches!(
             self,
             Self::Policy(_)
+                | Self::Shelf(_)
                 | Self::Bench(BenchError::Policy(_))
                 | Self::Config(_)
                 | Self::Connect(ConnectError::Domain(DomainError::Name(_)))
@@ -146,11 +191,32 @@ pub struct Summary {
     pub apexes: u32,
     /// What the guard rejected in the last epoch.
     pub counts: Counts,
+    /// The figures of the loop, in real time.
+    pub real_time: Option<LoopReport>,
+}
+
+impl Summary {
+    /// The figures, for a script: those of a [`LoopReport`] in `loop`, and the
+    /// guard's in `rejected`.
+    #[must_use]
+    pub fn json(&self) -> serde_json::Value {
+        serde_json::json!({
+            "policy": self.policy,
+            "ticks": self.ticks,
+            "apexes": self.apexes,
+            "rejected": self.counts.rejected(),
+            "safe_entered": self.counts.safe_entered,
+            "loop": self.real_time,
+        })
+    }
 }
 
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { policy, ticks, apexes, counts } = self;
+        let Self { policy, ticks, apexes, counts, real_time } = self;
+        if let Some(report) = real_time {
+            writeln!(f, "{report}")?;
+        }
         write!(f, "policy {policy}: {ticks} ticks, {apexes} apexes, ")?;
         write!(f, "{} samples rejected", counts.rejected())?;
         for (kind, count) in counts.by_kind().into_iter().filter(|(_, count)| *count > 0) {
@@ -177,41 +243,9 @@ pub fn other_leg(policy: &Manifest<'_>, played: Option<u32>) -> Option<String> {
     })
 }
 
-/// Runs the controller until the simulator's run is over.
-///
-/// # Errors
-/// [`CliError`], with what to do about it.
-pub fn run(args: &Args) -> Result<Summary, CliError> {
-    let config = Config::at_rate(args.rate)?.with_gravity(args.gravity)?;
-    let blob = PolicyBlob::load(args.policy.as_deref())?;
-    let policy = blob.policy()?;
-    let name = policy.manifest().name.to_owned();
-    let mut controller = Controller::new(policy, config);
-
-    let stop = Stop::on_signals().map_err(CliError::Signals)?;
-    let timeout = args.meeting.timeout;
-    let domain = Domain::join(args.meeting.domain())?;
-    let leg = controller.policy().manifest().leg;
-    let terms = Terms::at(args.rate).with_gravity(args.gravity).with_leg(&leg);
-    let mut said = false;
-    let mut link = ShmController::connect_watching(&domain, terms, timeout, &stop, |missing| {
-        if !said && missing.waited >= SAY_AFTER {
-            said = true;
-            eprintln!("{}: {missing}; still waiting", Role::Controller);
-        }
-        true
-    })?;
-    if let Some(warning) = other_leg(controller.policy().manifest(), link.peer_leg()) {
-        eprintln!("{}: {warning}", Role::Controller);
-    }
-
-    let mut apexes = 0;
-    let ticks = serve(&mut link, timeout, |sample| {
-        let command = controller.tick(Some(sample));
-        apexes = command.apexes;
-        command
-    })?;
-    Ok(Summary { policy: name, ticks, apexes, counts: *controller.counts() })
+/// Says something on stderr. A terminal that is closed is no reason to end in a panic.
+fn say(what: impl fmt::Display) {
+    let _ = writeln!(io::stderr(), "{}: {what}", Role::Controller);
 }
 
 /// The whole program after its arguments: runs, reports, and gives the exit
@@ -220,13 +254,21 @@ pub fn run(args: &Args) -> Result<Summary, CliError> {
 pub fn main(call: &Call) -> ExitCode {
     let done = match &call.command {
         Some(Command::Flashed(command)) => return commands::main(command),
+        Some(Command::Swap(args)) => return orders::swap(args),
+        Some(Command::Status(args)) => return orders::status(args),
         Some(Command::Bench(args)) => bench::run(args).map_err(CliError::from),
-        None => run(&call.args).map(|summary| println!("{}: {summary}", Role::Controller)),
+        None => attend::run(&call.args, |summary| {
+            let _ = if call.args.json {
+                writeln!(io::stdout(), "{}", summary.json())
+            } else {
+                writeln!(io::stdout(), "{}: {summary}", Role::Controller)
+            };
+        }),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("{}: {error}", Role::Controller);
+            say(&error);
             ExitCode::from(if error.is_misuse() { 2 } else { 1 })
         }
     }

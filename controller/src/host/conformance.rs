@@ -27,6 +27,9 @@ where
     silence_is_not_an_error(&pair);
     the_last_word_is_heard_then_the_leaving(&pair);
     a_leaving_controller_is_noticed(&pair);
+    a_message_waits_for_its_reader(&pair);
+    polls_never_wait(&pair);
+    a_plain_link_is_never_settled(&pair);
 }
 
 /// A sample of which every field is different, and differs with `seq`.
@@ -219,11 +222,96 @@ fn a_leaving_controller_is_noticed<L: LegLink, C: ControllerLink, ML, MC>(
     );
 }
 
+/// Middleware takes a tick's message when the tick comes, not when it was sent.
+fn a_message_waits_for_its_reader<L: LegLink, C: ControllerLink, ML, MC>(
+    pair: &impl Fn() -> (ML, MC),
+) where
+    ML: FnOnce() -> L + Send,
+    MC: FnOnce() -> C + Send,
+{
+    let (answered, all_answered) = mpsc::channel();
+    play(
+        pair(),
+        move |mut leg| {
+            leg.send(&sample(0)).expect("send");
+            all_answered.recv().expect("answered");
+            thread::sleep(SHORT);
+            let got = leg.receive(Duration::ZERO).expect("a link").expect("a command, kept");
+            assert_eq!(got.header.seq, 2, "of three the newest");
+            assert_eq!(leg.receive(Duration::ZERO).map_or(None, |more| more), None, "taken once");
+        },
+        move |mut controller| {
+            let got = controller.receive(LONG).expect("a link").expect("a sample");
+            for seq in 0..3 {
+                let header = Header { seq, ..got.header };
+                controller.send(&Command { header, ..answer(&got) }).expect("send");
+            }
+            answered.send(()).expect("tell");
+            // It stays until the leg has looked.
+            let _ = controller.receive(LONG);
+        },
+    );
+}
+
+/// A loop in real time asks once a tick, by a timeout of zero.
+fn polls_never_wait<L: LegLink, C: ControllerLink, ML, MC>(pair: &impl Fn() -> (ML, MC))
+where
+    ML: FnOnce() -> L + Send,
+    MC: FnOnce() -> C + Send,
+{
+    const POLLS: u32 = 100;
+    let (done, leg_done) = mpsc::channel();
+    play(
+        pair(),
+        |mut leg| {
+            let start = Instant::now();
+            for seq in 0..POLLS {
+                leg.send(&sample(seq.into())).expect("send without a reader");
+                assert_eq!(leg.receive(Duration::ZERO), Ok(None), "nothing was sent");
+            }
+            // A busy machine may take a thread away; waiting would take seconds.
+            assert!(start.elapsed() < SHORT * POLLS, "{:?}", start.elapsed());
+            done.send(()).expect("tell");
+        },
+        move |controller| {
+            leg_done.recv().expect("the leg polled");
+            drop(controller);
+        },
+    );
+}
+
+/// A session in lock-step waits for the answer, unless middleware says otherwise.
+fn a_plain_link_is_never_settled<L: LegLink, C: ControllerLink, ML, MC>(
+    pair: &impl Fn() -> (ML, MC),
+) where
+    ML: FnOnce() -> L + Send,
+    MC: FnOnce() -> C + Send,
+{
+    play(
+        pair(),
+        |mut leg| {
+            assert!(!leg.is_settled());
+            leg.send(&sample(0)).expect("send");
+            assert!(!leg.is_settled(), "an answer is to come");
+            leg.receive(LONG).expect("a link").expect("a command");
+        },
+        |mut controller| {
+            let got = controller.receive(LONG).expect("a link").expect("a sample");
+            controller.send(&answer(&got)).expect("send a command");
+        },
+    );
+}
+
 #[cfg(test)]
 mod tests {
+    use std::os::unix::net::UnixStream;
     use std::sync::Arc;
 
     use super::super::domain::Domain;
+    use super::super::faults::message::{Corrupt, Delay, Drop, Duplicate, Freeze, Ice, Reorder};
+    use super::super::faults::{Chain, Dice, Faulty, OnTheWire, Plan, Window};
+    use super::super::serial::stream::over_unix;
+    use super::super::serial::{SerialController, SerialLeg};
     use super::super::shm::{ShmController, ShmLeg};
     use super::super::{Stop, Terms, memory};
     use super::*;
@@ -233,6 +321,78 @@ mod tests {
         check(|| {
             let (leg, controller) = memory::pair();
             (move || leg, move || controller)
+        });
+    }
+
+    /// Every fault of messages, none of which acts: by its window, or by its figures.
+    fn asleep() -> Plan {
+        fn put<M: OnTheWire>(chain: &mut Chain<M>) {
+            let later = Window { from: 1 << 40, until: u64::MAX };
+            let dice = || Dice::new(1, 2);
+            chain.push(0, later, Box::new(Drop::new(1.0, dice())));
+            chain.push(1, later, Box::new(Delay::new(3, 4, dice())));
+            chain.push(2, later, Box::new(Duplicate::new(1.0, dice())));
+            chain.push(3, later, Box::new(Reorder::new(1.0, dice())));
+            chain.push(4, later, Box::new(Corrupt::new(1.0, 9, dice())));
+            chain.push(5, later, Box::new(Freeze::new(7, 1.0, Ice::Nothing, dice())));
+            chain.push(6, Window::ALWAYS, Box::new(Delay::new(0, 0, dice())));
+            chain.push(7, Window::ALWAYS, Box::new(Drop::new(0.0, dice())));
+        }
+        let mut plan = Plan::default();
+        put(&mut plan.samples);
+        put(&mut plan.commands);
+        plan
+    }
+
+    /// The suite over both ends wrapped, without any fault and with idle ones.
+    fn check_wrapped<L, C, ML, MC>(pair: impl Fn() -> (ML, MC))
+    where
+        L: LegLink,
+        C: ControllerLink,
+        ML: FnOnce() -> L + Send,
+        MC: FnOnce() -> C + Send,
+    {
+        for plan in [Plan::default, asleep] {
+            check(|| {
+                let (leg, controller) = pair();
+                (
+                    move || Faulty::at_leg(leg(), plan()),
+                    move || Faulty::at_controller(controller(), plan()),
+                )
+            });
+        }
+    }
+
+    fn serial() -> (impl FnOnce() -> SerialLeg + Send, impl FnOnce() -> SerialController + Send) {
+        let (leg, controller) = UnixStream::pair().unwrap();
+        let (leg, controller) = (over_unix(leg).unwrap(), over_unix(controller).unwrap());
+        let pid = std::process::id();
+        (move || SerialLeg::new(leg, pid), move || SerialController::new(controller, pid))
+    }
+
+    #[test]
+    fn over_a_serial_line() {
+        check(serial);
+    }
+
+    #[test]
+    fn through_the_fault_injector_over_any_transport() {
+        check_wrapped(serial);
+        check_wrapped(|| {
+            let (leg, controller) = memory::pair();
+            (move || leg, move || controller)
+        });
+        let dir = tempfile::tempdir().unwrap();
+        let base = dir.path().join("base");
+        check_wrapped(|| {
+            let domain = || Domain::join_in(&base, "faulty").unwrap();
+            let (terms, stop) = (Terms::at(1000), Stop::default());
+            let (leg, controller): (Arc<_>, Arc<_>) = (domain(), domain());
+            let stop_too = stop.clone();
+            (
+                move || ShmLeg::connect(&leg, terms, LONG, &stop).unwrap(),
+                move || ShmController::connect(&controller, terms, LONG, &stop_too).unwrap(),
+            )
         });
     }
 

@@ -27,7 +27,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::card::Role;
-use super::domain::{Domain, DomainError};
+use super::domain::{Domain, DomainError, apart_from, other_users};
 use super::socket::{SocketError, SocketFile};
 
 /// Longest request and longest answer, bytes: a policy of 1 MiB in text, and some.
@@ -49,7 +49,8 @@ pub enum AskError {
     Domain(#[from] DomainError),
     /// Nobody plays that role there.
     #[error(
-        "no {role} is running in domain `{domain}`; start one with `{} --domain {domain}`, or name another --domain",
+        "no {role} is running in domain `{domain}`{}; start one with `{} --domain {domain}`, or name another --domain",
+        apart_from(other_users),
         role.start_hint()
     )]
     Nobody {
@@ -57,6 +58,8 @@ pub enum AskError {
         role: Role,
         /// Where.
         domain: String,
+        /// Other users with domains in the same place.
+        other_users: Vec<u32>,
     },
     /// It did not answer in time.
     #[error("the {role} in domain `{domain}` has not answered for {:.1} s; is it stopped?", waited.as_secs_f64())]
@@ -108,7 +111,7 @@ fn path(root: &Path, role: Role) -> PathBuf {
 pub struct Desk {
     end: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
-    _file: SocketFile,
+    file: Option<SocketFile>,
     // Last: the socket lies in its folder.
     _domain: Arc<Domain>,
 }
@@ -141,12 +144,14 @@ impl Desk {
             .name("desk".into())
             .spawn(move || serve(&listener, &ends, answer))
             .map_err(failed)?;
-        Ok(Self { end, thread: Some(thread), _file: file, _domain: Arc::clone(domain) })
+        Ok(Self { end, thread: Some(thread), file: Some(file), _domain: Arc::clone(domain) })
     }
 }
 
 impl Drop for Desk {
     fn drop(&mut self) {
+        // While somebody listens there nobody else does: it is ours that is removed.
+        drop(self.file.take());
         self.end.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
@@ -257,7 +262,7 @@ fn ask_at<Q: Serialize, R: DeserializeOwned>(
     };
     let answer = exchange().map_err(|cause| match cause.kind() {
         ErrorKind::NotFound | ErrorKind::ConnectionRefused => {
-            AskError::Nobody { role, domain: domain.clone() }
+            AskError::Nobody { role, domain: domain.clone(), other_users: other_users() }
         }
         ErrorKind::TimedOut | ErrorKind::WouldBlock => {
             AskError::Silent { role, domain: domain.clone(), waited: timeout }

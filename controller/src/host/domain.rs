@@ -16,6 +16,8 @@ use std::time::{Duration, Instant};
 
 /// The domain used when none is named.
 pub const DEFAULT_DOMAIN: &str = "default";
+/// What the folder of a user's domains is called, before the user's number.
+const FOLDER: &str = "spring-leg-";
 /// Longest name of a domain, bytes.
 pub const MAX_NAME: usize = 32;
 
@@ -148,7 +150,35 @@ pub(super) fn still_named(file: &File, path: &Path) -> bool {
 /// The folder of all domains of this user.
 fn base() -> PathBuf {
     let user = rustix::process::getuid().as_raw();
-    std::env::temp_dir().join(format!("spring-leg-{user}"))
+    std::env::temp_dir().join(format!("{FOLDER}{user}"))
+}
+
+/// Other users who have domains in the same temporary folder, or had. Their
+/// processes and ours never meet.
+#[must_use]
+pub fn other_users() -> Vec<u32> {
+    let own = rustix::process::getuid().as_raw();
+    let mut users: Vec<u32> = fs::read_dir(std::env::temp_dir())
+        .into_iter()
+        .flatten()
+        .flatten()
+        .filter_map(|entry| entry.file_name().to_str()?.strip_prefix(FOLDER)?.parse().ok())
+        .filter(|user| *user != own)
+        .collect();
+    users.sort_unstable();
+    users
+}
+
+/// A word on [`other_users`] for a message on who is missing; empty without any.
+pub(super) fn apart_from(users: &[u32]) -> String {
+    if users.is_empty() {
+        return String::new();
+    }
+    let names: Vec<_> = users.iter().map(ToString::to_string).collect();
+    format!(
+        " (user {} has domains here too; processes of two users do not meet, run both as one)",
+        names.join(", ")
+    )
 }
 
 fn check_name(name: &str) -> Result<(), DomainError> {

@@ -31,6 +31,30 @@ pub trait Link {
     /// [`LinkError`] when the peer is gone and left nothing to take, when the
     /// process was told to stop, or when the transport fails.
     fn receive(&mut self, timeout: Duration) -> Result<Option<Self::Receives>, LinkError>;
+
+    /// Whether a session in lock-step is to go on with what it has, and not wait
+    /// for the answer to what it sent last: never on a plain link, whose answer
+    /// comes; middleware that loses or delays messages says so after a receive.
+    fn is_settled(&self) -> bool {
+        false
+    }
+}
+
+impl<L: Link + ?Sized> Link for &mut L {
+    type Sends = L::Sends;
+    type Receives = L::Receives;
+
+    fn send(&mut self, message: &L::Sends) -> Result<(), LinkError> {
+        (**self).send(message)
+    }
+
+    fn receive(&mut self, timeout: Duration) -> Result<Option<L::Receives>, LinkError> {
+        (**self).receive(timeout)
+    }
+
+    fn is_settled(&self) -> bool {
+        (**self).is_settled()
+    }
 }
 
 /// The leg's end: sends samples, receives commands.
@@ -61,6 +85,27 @@ pub enum LinkError {
         /// Its process.
         pid: u32,
     },
+    /// The peer is gone, and its role has been taken by another before that was seen.
+    #[error("the {role} (process {pid}) is gone, and process {by} has taken its place")]
+    PeerReplaced {
+        /// Whose role.
+        role: Role,
+        /// The process that is gone.
+        pid: u32,
+        /// The one that has come.
+        by: u32,
+    },
+    /// The peer is gone, and none has come in its place.
+    #[error(
+        "{cause}; none has come for {:.1} s, --timeout sets the patience",
+        *waited_ms as f64 * 1e-3
+    )]
+    NotBack {
+        /// How it went.
+        cause: Box<LinkError>,
+        /// For how long another was waited for, ms.
+        waited_ms: u64,
+    },
     /// This process was told to stop, by a signal.
     #[error("stopped by a signal")]
     Stopped,
@@ -72,4 +117,17 @@ pub enum LinkError {
         /// What the transport says.
         cause: String,
     },
+}
+
+impl LinkError {
+    /// The process of the peer that is gone, if that is what happened.
+    #[must_use]
+    pub fn lost(&self) -> Option<u32> {
+        match self {
+            Self::PeerDied { pid, .. }
+            | Self::PeerLeft { pid, .. }
+            | Self::PeerReplaced { pid, .. } => Some(*pid),
+            Self::NotBack { .. } | Self::Stopped | Self::Transport { .. } => None,
+        }
+    }
 }

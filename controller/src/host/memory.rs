@@ -1,39 +1,25 @@
 //! Links within a process.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
+
+use triple_buffer::{Input, Output, triple_buffer};
 
 use super::card::Role;
 use super::link::{Link, LinkError};
 use super::wait::Waiter;
 use crate::wire::{Command, Sample};
 
-/// The newest message one way, and whether its sender is still there.
+/// One end of a link between two threads. Wait-free: neither end can hold up
+/// the other, whatever their priorities.
 #[derive(Debug)]
-struct Slot<T> {
-    message: Option<T>,
-    sender_left: bool,
-}
-
-#[derive(Debug)]
-struct Shared<T>(Mutex<Slot<T>>);
-
-impl<T: Copy> Shared<T> {
-    fn new() -> Arc<Self> {
-        Arc::new(Self(Mutex::new(Slot { message: None, sender_left: false })))
-    }
-
-    fn with<R>(&self, f: impl FnOnce(&mut Slot<T>) -> R) -> R {
-        // A slot is whole between any two statements: a panic elsewhere does not spoil it.
-        f(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
-    }
-}
-
-/// One end of a link between two threads.
-#[derive(Debug)]
-pub struct MemoryLink<Out: Copy, In: Copy> {
-    outgoing: Arc<Shared<Out>>,
-    incoming: Arc<Shared<In>>,
+pub struct MemoryLink<Out: Copy + Send, In: Copy + Send> {
+    outgoing: Input<Out>,
+    incoming: Output<In>,
+    /// This end is gone; the other one is.
+    left: Arc<AtomicBool>,
+    peer_left: Arc<AtomicBool>,
     peer: Role,
     waiter: Waiter,
 }
@@ -41,48 +27,58 @@ pub struct MemoryLink<Out: Copy, In: Copy> {
 /// A leg's end and a controller's end, for two threads.
 #[must_use]
 pub fn pair() -> (MemoryLink<Sample, Command>, MemoryLink<Command, Sample>) {
-    let (samples, commands) = (Shared::new(), Shared::new());
+    let (samples, samples_out) = triple_buffer(&Sample::default());
+    let (commands, commands_out) = triple_buffer(&Command::default());
+    let (leg_left, controller_left) = (Arc::<AtomicBool>::default(), Arc::<AtomicBool>::default());
     (
         MemoryLink {
-            outgoing: Arc::clone(&samples),
-            incoming: Arc::clone(&commands),
+            outgoing: samples,
+            incoming: commands_out,
+            left: Arc::clone(&leg_left),
+            peer_left: Arc::clone(&controller_left),
             peer: Role::Controller,
             waiter: Waiter::new(),
         },
         MemoryLink {
             outgoing: commands,
-            incoming: samples,
+            incoming: samples_out,
+            left: controller_left,
+            peer_left: leg_left,
             peer: Role::Leg,
             waiter: Waiter::new(),
         },
     )
 }
 
-impl<Out: Copy, In: Copy> Link for MemoryLink<Out, In> {
+impl<Out: Copy + Send, In: Copy + Send> Link for MemoryLink<Out, In> {
     type Sends = Out;
     type Receives = In;
 
     fn send(&mut self, message: &Out) -> Result<(), LinkError> {
-        self.outgoing.with(|slot| slot.message = Some(*message));
+        self.outgoing.write(*message);
         Ok(())
     }
 
     fn receive(&mut self, timeout: Duration) -> Result<Option<In>, LinkError> {
+        let Self { incoming, peer_left, peer, waiter, .. } = self;
         let poll = || {
-            self.incoming.with(|slot| match slot.message.take() {
-                None if slot.sender_left => {
-                    Err(LinkError::PeerLeft { role: self.peer, pid: std::process::id() })
-                }
-                message => Ok(message),
-            })
+            // In this order: what it sent last still counts.
+            let is_gone = peer_left.load(Ordering::Acquire);
+            if incoming.update() {
+                Ok(Some(*incoming.output_buffer()))
+            } else if is_gone {
+                Err(LinkError::PeerLeft { role: *peer, pid: std::process::id() })
+            } else {
+                Ok(None)
+            }
         };
-        self.waiter.wait_for(timeout, poll, || Ok(()))
+        waiter.wait_for(timeout, poll, || Ok(()))
     }
 }
 
-impl<Out: Copy, In: Copy> Drop for MemoryLink<Out, In> {
+impl<Out: Copy + Send, In: Copy + Send> Drop for MemoryLink<Out, In> {
     fn drop(&mut self) {
-        self.outgoing.with(|slot| slot.sender_left = true);
+        self.left.store(true, Ordering::Release);
     }
 }
 

@@ -7,25 +7,30 @@
 //! A receiver polls: in lock-step the peer answers within microseconds, and
 //! any blocking wait of the system costs thirty to forty. Of a slow peer it
 //! learns to yield the core, and after a millisecond it sleeps.
+//!
+//! The peer may go and another come, while the link stays: its [`Keeper`]
+//! looks after that. Sending, and receiving without a wait, only look at the
+//! queues; what a port that comes or goes has to be mapped or given back,
+//! iceoryx2 does there and then, once.
 
 mod error;
+mod keeper;
+mod observer;
 mod service;
 
 use std::fmt::Display;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use iceoryx2::identifiers::{UniqueNodeId, UniquePublisherId};
 use iceoryx2::node::NodeBuilder;
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{
-    CallbackProgression, LogLevel, Node, NodeName, PortFactory as _, PortName, SignalHandlingMode,
-    ipc, set_log_level_from_env_or,
+    LogLevel, NodeName, PortName, SignalHandlingMode, ipc, set_log_level_from_env_or,
 };
 
-use super::card::{self, Card, Held, Presence, Refusal, Role, Terms};
-use super::domain::Domain;
+use super::card::{self, Pace, Presence, Refusal, Role, Terms};
+use super::domain::{Domain, other_users};
 use super::link::{Link, LinkError};
 use super::payload::Message;
 use super::stop::Stop;
@@ -33,38 +38,27 @@ use super::wait::Waiter;
 use crate::wire::{Command, Sample};
 
 pub use error::{ConnectError, Missing};
+use keeper::Base;
+pub use keeper::{Keeper, Peer, Turn};
+pub use observer::{Observer, Players};
 pub use service::config;
-use service::{Service, service, settle};
+use service::{service, settle};
 
 /// Between two looks for a peer that has not come yet.
 const LOOK: Duration = Duration::from_millis(1);
 /// A refused process stays this long, so that its peer reads its card and can say why too.
 const LINGER: Duration = Duration::from_millis(100);
 
-/// Who this end is connected to: that process and no other, for its successor
-/// knows nothing of the run.
-#[derive(Clone, Copy, Debug, Default)]
-struct Peer {
-    pid: u32,
-    leg: Option<u32>,
-    publisher: Option<UniquePublisherId>,
-}
-
 /// One end of a link, between processes.
 ///
-/// Fields are dropped in this order: ports before services, services before
-/// the node, the role after all of them, the domain last.
+/// Ports are dropped first, then what they stand on.
 #[derive(Debug)]
 pub struct ShmLink<Out: Message, In: Message> {
     publisher: Publisher<ipc::Service, Out, ()>,
     subscriber: Subscriber<ipc::Service, In, ()>,
-    outgoing: Service<Out>,
-    incoming: Service<In>,
-    node: Node<ipc::Service>,
-    role: Held,
-    domain: Arc<Domain>,
-    terms: Terms,
-    peer: Peer,
+    base: Arc<Base<Out, In>>,
+    /// In real time nobody waits for a port that is in trouble: it is passed over.
+    is_real_time: bool,
     stop: Stop,
     waiter: Waiter,
 }
@@ -102,11 +96,18 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
         stop: &Stop,
         watch: impl FnMut(&Missing) -> bool,
     ) -> Result<Self, ConnectError> {
-        Self::open(domain, terms, stop)?.wait_for_peer(timeout, watch)
+        let mut link = Self::open(domain, terms, stop)?;
+        link.wait_for_peer(Some(timeout), watch)?;
+        Ok(link)
     }
 
-    /// Takes the role and makes the ports.
-    fn open(domain: &Arc<Domain>, terms: Terms, stop: &Stop) -> Result<Self, ConnectError> {
+    /// Takes this end's role in `domain` and makes its ports; the peer need not
+    /// be there.
+    ///
+    /// # Errors
+    /// [`ConnectError`] when the role is taken, the peer is there and does not
+    /// fit, or the transport fails.
+    pub fn open(domain: &Arc<Domain>, terms: Terms, stop: &Stop) -> Result<Self, ConnectError> {
         let role = card::take(domain, Out::SENDER, terms).map_err(|refusal| match refusal {
             Refusal::Taken(pid) => {
                 ConnectError::RoleTaken { role: Out::SENDER, pid, domain: domain.name().to_owned() }
@@ -118,15 +119,17 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
 
         // iceoryx2 writes to stderr what it returns as an error anyway.
         set_log_level_from_env_or(LogLevel::Fatal);
-        let node = NodeBuilder::new()
-            .config(&config(domain).map_err(|cause| failed(domain, "name the services", &cause))?)
-            .name(
-                &NodeName::new(Out::SENDER.as_str())
-                    .map_err(|e| failed(domain, "name the node", &e))?,
-            )
-            .signal_handling_mode(SignalHandlingMode::Disabled)
-            .create::<ipc::Service>()
-            .map_err(|cause| failed(domain, "start iceoryx2", &cause))?;
+        let node_name =
+            NodeName::new(Out::SENDER.as_str()).map_err(|e| failed(domain, "name the node", &e))?;
+        let config = config(domain).map_err(|cause| failed(domain, "name the services", &cause))?;
+        let node = settle(|| {
+            NodeBuilder::new()
+                .config(&config)
+                .name(&node_name)
+                .signal_handling_mode(SignalHandlingMode::Disabled)
+                .create::<ipc::Service>()
+        })
+        .map_err(|cause| failed(domain, "start iceoryx2", &cause))?;
         // Of a predecessor in this role, killed with its ports open.
         node.try_cleanup_dead_nodes();
 
@@ -134,12 +137,9 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
         let incoming = service::<In>(&node, domain, terms)?;
         let name = PortName::new(Out::SENDER.as_str())
             .map_err(|e| failed(domain, "name the ports", &e))?;
-        let subscriber = incoming
-            .subscriber_builder()
-            .name(&name)
-            .buffer_size(1)
-            .create()
-            .map_err(|cause| failed(domain, "subscribe", &cause))?;
+        let subscriber =
+            settle(|| incoming.subscriber_builder().name(&name).buffer_size(1).create())
+                .map_err(|cause| failed(domain, "subscribe", &cause))?;
         let publisher = settle(|| {
             let made = outgoing.publisher_builder().name(&name).create();
             if let Err(PublisherCreateError::ExceedsMaxSupportedPublishers) = made {
@@ -152,104 +152,83 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
         Ok(Self {
             publisher,
             subscriber,
-            outgoing,
-            incoming,
-            node,
-            role,
-            domain: Arc::clone(domain),
-            terms,
-            peer: Peer::default(),
+            base: Arc::new(Base::new((outgoing, incoming), node, role, terms, domain)),
+            is_real_time: terms.pace == Some(Pace::RealTime),
             stop: stop.clone(),
             waiter: Waiter::new(),
         })
     }
 
-    fn wait_for_peer(
-        mut self,
-        timeout: Duration,
+    /// Waits for a peer, at most for `timeout`: the first, or the next after
+    /// one is lost. Every few milliseconds `watch` is shown what is missing;
+    /// when that says `false`, the wait is over.
+    ///
+    /// # Errors
+    /// [`ConnectError`] when none comes or one does not fit, when this process
+    /// is told to stop, or the transport fails. The link may wait again.
+    pub fn wait_for_peer(
+        &mut self,
+        timeout: Option<Duration>,
         mut watch: impl FnMut(&Missing) -> bool,
-    ) -> Result<Self, ConnectError> {
+    ) -> Result<Peer, ConnectError> {
         let start = Instant::now();
+        let Terms { rate_hz, gravity_m_s2, pace, .. } = self.base.terms();
+        let mut missing = Missing {
+            peer: In::SENDER,
+            domain: self.base.domain().name().to_owned(),
+            waited: Duration::ZERO,
+            rate_hz,
+            gravity_m_s2,
+            pace,
+            other_users: other_users(),
+        };
         loop {
-            if let Some(card) = Self::agree(&self.domain, self.terms)? {
-                if self.peer.pid != card.pid {
-                    self.meet(&card)?;
+            match self.look()? {
+                Some(Turn::Met(peer)) => return Ok(peer),
+                Some(Turn::Refused(cause)) => {
+                    std::thread::sleep(LINGER);
+                    return Err(cause);
                 }
-                // Both ways, so that neither begins with a peer that is not there yet.
-                if self.peer.pid == card.pid && card.met == Some(std::process::id()) {
-                    return Ok(self);
-                }
+                Some(Turn::Lost(_)) | None => (),
+            }
+            if let Some(peer) = self.base.peer() {
+                return Ok(peer);
             }
             if self.stop.is_raised() {
                 return Err(ConnectError::Stopped(In::SENDER));
             }
-            let waited = start.elapsed();
-            let missing = Missing {
-                peer: In::SENDER,
-                domain: self.domain.name().to_owned(),
-                waited,
-                rate_hz: self.terms.rate_hz,
-                gravity_m_s2: self.terms.gravity_m_s2,
-                pace: self.terms.pace,
-            };
-            if waited >= timeout || !watch(&missing) {
+            missing.waited = start.elapsed();
+            let left = timeout.map_or(LOOK, |timeout| timeout.saturating_sub(missing.waited));
+            if left.is_zero() || !watch(&missing) {
                 return Err(ConnectError::PeerMissing(missing));
             }
-            std::thread::sleep(LOOK.min(timeout.saturating_sub(waited)));
+            std::thread::sleep(LOOK.min(left));
         }
     }
 
-    /// Gets ready to hear the process with this card, if it has its ports, and says so.
-    fn meet(&mut self, &Card { pid, terms, .. }: &Card) -> Result<(), ConnectError> {
-        // A publisher is mapped only by a look at its queue. Look now: what a peer sends
-        // before it is mapped is lost if it leaves before the first receive.
-        if let Some(peer) = self.ports_of(pid)
-            && self.subscriber.has_samples().is_ok()
+    /// The peer's card, if it is there; an error if it does not fit.
+    fn agree(domain: &Arc<Domain>, ours: Terms) -> Result<(), ConnectError> {
+        let seen = card::presence(domain, In::SENDER)
+            .map_err(|cause| failed(domain, "look for the peer", &cause))?;
+        if let Presence::Alive(Some(card)) = seen
+            && let Some(refusal) = disagreement(In::SENDER, card.terms, ours)
         {
-            self.role.meet(pid).map_err(|e| failed(&self.domain, "write the role's card", &e))?;
-            self.peer = Peer { leg: terms.leg, ..peer };
+            std::thread::sleep(LINGER);
+            return Err(refusal);
         }
         Ok(())
     }
 
-    /// The peer's card, if it is there; an error if it does not fit.
-    fn agree(domain: &Arc<Domain>, ours: Terms) -> Result<Option<Card>, ConnectError> {
-        let seen = card::presence(domain, In::SENDER)
-            .map_err(|cause| failed(domain, "look for the peer", &cause))?;
-        let Presence::Alive(Some(card)) = seen else {
-            return Ok(None);
-        };
-        let refusal = disagreement(In::SENDER, card.terms, ours);
-        if refusal.is_some() {
-            std::thread::sleep(LINGER);
-        }
-        refusal.map_or(Ok(Some(card)), Err)
-    }
-
-    /// The peer, once both its ports are there. (A killed predecessor's may be, too.)
-    fn ports_of(&self, pid: u32) -> Option<Peer> {
-        let is_peer = |node: UniqueNodeId| {
-            node.pid::<ipc::Service>().is_ok_and(|id| u32::try_from(id.value()) == Ok(pid))
-        };
-        let mut reads = false;
-        self.outgoing.dynamic_config().list_subscribers(|port| {
-            reads |= port.subscriber_name == In::SENDER.as_str() && is_peer(port.node_id);
-            CallbackProgression::Continue
-        });
-        let mut publisher = None;
-        self.incoming.dynamic_config().list_publishers(|port| {
-            if is_peer(port.node_id) {
-                publisher = Some(port.publisher_id);
-            }
-            CallbackProgression::Continue
-        });
-        (reads && publisher.is_some()).then_some(Peer { pid, leg: None, publisher })
-    }
-
-    /// The peer's process.
+    /// Who looks after the other end, from another thread.
     #[must_use]
-    pub fn peer_pid(&self) -> u32 {
-        self.peer.pid
+    pub fn keeper(&self) -> Keeper<Out, In> {
+        Keeper(Arc::clone(&self.base))
+    }
+
+    /// The peer that has been met and not been lost.
+    #[must_use]
+    pub fn peer(&self) -> Option<Peer> {
+        self.base.peer()
     }
 
     /// The leg that the peer plays, or has a policy for, as
@@ -257,10 +236,17 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
     /// does not say.
     #[must_use]
     pub fn peer_leg(&self) -> Option<u32> {
-        self.peer.leg
+        self.base.peer().and_then(|peer| peer.leg)
     }
 
-    /// Off the control path: whether the peer this end is connected to is still there.
+    fn look(&self) -> Result<Option<Turn>, ConnectError> {
+        // A publisher is mapped only by a look at its queue. Look now: what a peer sends
+        // before it is mapped is lost if it leaves before the first receive.
+        self.base.look(|| self.subscriber.has_samples().is_ok())
+    }
+
+    /// Off the control path: whether a peer is there, the one that was met last
+    /// or one that has come in its place since it was lost.
     ///
     /// # Errors
     /// [`LinkError`] when it is not, or this process was told to stop.
@@ -268,29 +254,20 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
         if self.stop.is_raised() {
             return Err(LinkError::Stopped);
         }
-        let (role, pid) = (In::SENDER, self.peer.pid);
-        let seen = card::presence(&self.domain, role)
-            .map_err(|cause| broken("look whether the peer lives", &cause))?;
-        match seen {
-            Presence::Alive(Some(card)) if card.pid == pid => Ok(()),
-            Presence::Absent => Err(LinkError::PeerLeft { role, pid }),
-            // Dead, or so long dead that another has taken its place.
-            Presence::Dead | Presence::Alive(_) => {
-                self.node.try_cleanup_dead_nodes();
-                Err(LinkError::PeerDied { role, pid })
-            }
+        if self.base.peer().is_some() {
+            self.look().map_err(|cause| broken("look whether the peer lives", &cause))?;
         }
+        self.base.lost().map_or(Ok(()), Err)
     }
 
     fn poll(&self) -> Result<Option<In>, LinkError> {
         match self.subscriber.receive() {
-            Ok(None) => Ok(None),
-            Ok(Some(message)) if Some(message.origin()) == self.peer.publisher => {
-                Ok(Some(*message))
+            // A stranger's is not for us: of a peer that was lost, or has not been met.
+            Ok(message) => {
+                Ok(message.filter(|message| self.base.hears(message.origin())).map(|m| *m))
             }
-            // The peer's successor: what it says is not about this run.
-            Ok(Some(_)) => self.check_peer().map(|()| None),
             // A peer that dies while it connects shows as a failure here.
+            Err(_) if self.is_real_time => Ok(None),
             Err(cause) => {
                 self.check_peer()?;
                 Err(broken("receive", &cause))
@@ -305,11 +282,14 @@ impl<Out: Message, In: Message> Link for ShmLink<Out, In> {
 
     fn send(&mut self, message: &Out) -> Result<(), LinkError> {
         // Here, because a peer that always answers at once leaves no idle moment to look.
-        if self.stop.is_raised() {
+        // (A loop in real time looks by itself, and has a farewell to say after that.)
+        if !self.is_real_time && self.stop.is_raised() {
             return Err(LinkError::Stopped);
         }
         match self.publisher.send_copy(*message) {
             Ok(_) => Ok(()),
+            // As if it were lost on the way: there is the next.
+            Err(_) if self.is_real_time => Ok(()),
             Err(cause) => {
                 self.check_peer()?;
                 Err(broken("send", &cause))
@@ -318,12 +298,17 @@ impl<Out: Message, In: Message> Link for ShmLink<Out, In> {
     }
 
     fn receive(&mut self, timeout: Duration) -> Result<Option<In>, LinkError> {
+        if timeout.is_zero() {
+            return self.poll();
+        }
         self.waiter.wait_for(
             timeout,
             || self.poll(),
             || match self.check_peer() {
                 // What it sent last still counts, also when it is gone by now.
-                Err(LinkError::PeerLeft { .. }) if self.subscriber.has_samples() == Ok(true) => {
+                Err(LinkError::PeerLeft { .. } | LinkError::PeerReplaced { .. })
+                    if self.subscriber.has_samples() == Ok(true) =>
+                {
                     Ok(())
                 }
                 verdict => verdict,

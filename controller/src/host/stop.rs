@@ -1,5 +1,6 @@
 //! Stopping in good order when a signal asks for it.
 
+use std::fs::File;
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -20,13 +21,37 @@ impl Stop {
     /// When the system refuses the handlers.
     pub fn on_signals() -> io::Result<Self> {
         let stop = Self::default();
-        let hang_up = (!is_ignored(SIGHUP)).then_some(SIGHUP);
-        for signal in [SIGINT, SIGTERM].into_iter().chain(hang_up) {
-            // In this order: the second signal must find the flag raised by the first.
-            flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop.0))?;
-            flag::register(signal, Arc::clone(&stop.0))?;
+        for signal in [SIGINT, SIGTERM, SIGHUP] {
+            stop.raise_on(signal)?;
         }
         Ok(stop)
+    }
+
+    /// As [`Stop::on_signals`], but for SIGHUP: what that asks for is to be
+    /// looked at, see [`HangUp`].
+    ///
+    /// # Errors
+    /// When the system refuses the handlers.
+    pub fn on_signals_but_hang_up() -> io::Result<(Self, HangUp)> {
+        let stop = Self::default();
+        for signal in [SIGINT, SIGTERM] {
+            stop.raise_on(signal)?;
+        }
+        let hang_up = HangUp { came: Arc::default(), had_terminal: has_terminal() };
+        if !is_ignored(SIGHUP) {
+            flag::register(SIGHUP, Arc::clone(&hang_up.came))?;
+        }
+        Ok((stop, hang_up))
+    }
+
+    fn raise_on(&self, signal: i32) -> io::Result<()> {
+        if signal == SIGHUP && is_ignored(signal) {
+            return Ok(());
+        }
+        // In this order: the second signal must find the flag raised by the first.
+        flag::register_conditional_shutdown(signal, 1, Arc::clone(&self.0))?;
+        flag::register(signal, Arc::clone(&self.0))?;
+        Ok(())
     }
 
     /// Asks this process to stop.
@@ -39,6 +64,45 @@ impl Stop {
     pub fn is_raised(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
+}
+
+/// A SIGHUP that need not be the end.
+///
+/// It has two meanings: the terminal is closed, or, by an old habit of
+/// programs without one, "read your files again".
+#[derive(Debug)]
+pub struct HangUp {
+    came: Arc<AtomicBool>,
+    /// At the start.
+    had_terminal: bool,
+}
+
+/// What a SIGHUP asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HungUp {
+    /// To end: the terminal that there was is no more.
+    TerminalClosed,
+    /// To read the files again.
+    Reload,
+}
+
+impl HangUp {
+    /// What was asked for since the last call.
+    #[must_use]
+    pub fn take(&self) -> Option<HungUp> {
+        self.came.swap(false, Ordering::Relaxed).then(|| {
+            if self.had_terminal && !has_terminal() {
+                HungUp::TerminalClosed
+            } else {
+                HungUp::Reload
+            }
+        })
+    }
+}
+
+/// Whether this process has a terminal that controls it.
+fn has_terminal() -> bool {
+    File::open("/dev/tty").is_ok()
 }
 
 /// Whether this process ignores a signal, as it may from its start; false where

@@ -118,7 +118,7 @@ impl Forwarder {
                 if let Some(sample) = link.receive(wait).map_err(|cause| self.broken(cause))? {
                     let came = Instant::now();
                     (leg_wait, leg_life) = (LEG_WAIT, came);
-                    if sample.header.flags & flags::END != 0 {
+                    if sample.ends_the_run() {
                         return Ok(());
                     }
                     self.ask(link, &sample, came)?;

@@ -80,7 +80,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
             },
         },
         domain: args.meeting.domain().to_owned(),
-        timeout: args.meeting.timeout,
+        timeout: args.meeting.timeout(),
         on_unplug: args.on_unplug,
         share: args.share.clone(),
     };

@@ -7,11 +7,18 @@
 mod apex;
 mod bench;
 mod bridge;
+mod faults;
+mod plot;
+mod real_time;
+mod recording;
+mod replay;
+mod robustness;
 mod run;
 mod shore;
+mod watch;
 
 use std::fmt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -30,12 +37,28 @@ struct Program {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Play a scenario to a controller, in lock-step.
+    /// Play a scenario to a controller, in lock-step or in real time.
     Run(Box<run::Args>),
     /// Be the controller: as the `controller` program.
     Controller(controller::host::cli::Call),
     /// Be the controller by way of a flashed one, on a serial line.
     Bridge(Box<bridge::Args>),
+    /// Watch a running leg in the terminal, and operate it.
+    Watch(watch::Args),
+    /// Replay a recording: are the commands those of its controller, bit for bit?
+    Replay(replay::Args),
+    /// Draw a recording as an SVG picture.
+    Plot(plot::Args),
+    /// Write a recording: what `run --record` starts.
+    #[command(hide = true)]
+    Recorder {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Sweep: how much of each fault a policy stands.
+    Robustness(robustness::Args),
+    /// List the faults that `run --fault` can put into a run.
+    Faults,
     /// Measure what a tick costs on this machine.
     Bench {
         /// What.
@@ -49,11 +72,20 @@ enum Command {
 /// Runs the program; gives its exit status.
 #[must_use]
 pub fn main() -> ExitCode {
+    if faults::asked_for() {
+        return faults::main();
+    }
     let program = Program::parse();
     let outcome = match program.command {
         None => shore::main(&program.shore),
         Some(Command::Run(args)) => run::main(&args),
         Some(Command::Bridge(args)) => bridge::main(&args),
+        Some(Command::Watch(args)) => watch::main(&args),
+        Some(Command::Replay(args)) => replay::main(&args),
+        Some(Command::Robustness(args)) => robustness::main(&args),
+        Some(Command::Faults) => return faults::main(),
+        Some(Command::Plot(args)) => plot::main(&args),
+        Some(Command::Recorder { path }) => return crate::record::recorder(&path),
         Some(Command::Apex(args)) => apex::main(&args),
         Some(Command::Bench { what }) => bench::main(&what),
         Some(Command::Controller(args)) => return controller::host::cli::main(&args),
@@ -87,4 +119,15 @@ fn checked_policy(path: Option<&Path>) -> anyhow::Result<PolicyBlob> {
     let blob = PolicyBlob::load(path).map_err(misuse)?;
     blob.policy().map_err(misuse)?;
     Ok(blob)
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    /// What clap checks only in debug builds, and only of the command called.
+    #[test]
+    fn the_command_line_is_of_one_piece() {
+        super::Program::command().debug_assert();
+    }
 }

@@ -6,15 +6,16 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::Context;
-use controller::host::Stop;
+use controller::host::{Pace, Stop};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::checked_policy;
+use super::recording::Recording;
 use crate::output::Pending;
-use crate::scenario::Scenario;
+use crate::scenario::{Scenario, Settings};
 use crate::session::TickRecord;
 use crate::session::child::ControllerCall;
-use crate::session::two_processes::{self, Meeting};
+use crate::session::two_processes::{self, Meeting, epoch_now};
 use crate::shore::track::ApexMark;
 use crate::shore::{Recorder, picture};
 
@@ -32,6 +33,9 @@ pub(super) struct Args {
     /// Where the picture goes.
     #[arg(long, value_name = "DIR", default_value = "out")]
     out: PathBuf,
+    /// Record every tick to an MCAP file, for `replay`, `plot` and other programs.
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
     /// Print the result as one JSON object.
     #[arg(long)]
     json: bool,
@@ -43,22 +47,29 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     // Now, so that a folder that cannot be written to does not cost a run.
     let (picture, path) = begin_picture(&args.out)?;
     let scenario = Scenario::shore();
+    let record = args.record.as_deref();
+    let mut recording = Recording::begin(record, &Settings::shore(), &scenario, Pace::LockStep)?;
     let mut journal = (!args.json).then(|| Journal::begin(&name, &scenario));
     let mut recorder = Recorder::default();
     let stop = Stop::on_signals()?;
     let meeting = meeting(args, &scenario);
+    recording.ask_for_policies(&meeting.domain, meeting.epoch);
     let outcome = two_processes::play(
         &scenario,
         &meeting,
         &stop,
         |_| (),
         |tick| {
+            recording.push(tick);
             let apex = recorder.observe(tick);
             if let Some(journal) = &mut journal {
                 journal.tick(tick, apex);
             }
         },
-    )?;
+    );
+    let outcome = outcome.map_err(anyhow::Error::from);
+    let recorded = recording.finish(outcome.as_ref());
+    let outcome = outcome?;
     if let Some(journal) = &journal {
         journal.end();
     }
@@ -74,6 +85,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         eprintln!("sim-host: the leg fell at x = {:.2} m", outcome.body.x_m);
         return Ok(ExitCode::FAILURE);
     }
+    recorded?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -86,8 +98,9 @@ fn meeting(args: &Args, scenario: &Scenario) -> Meeting {
         gravity_m_s2: scenario.controller_gravity_m_s2(),
         domain: domain.clone(),
         timeout: TIMEOUT,
+        real_time: Vec::new(),
     };
-    Meeting { domain, timeout: TIMEOUT, start: Some(call) }
+    Meeting { domain, timeout: TIMEOUT, start: Some(call), epoch: epoch_now() }
 }
 
 /// The picture's file, begun, and its path.

@@ -21,7 +21,8 @@ use rand_pcg::rand_core::{Rng, SeedableRng};
 pub use profile::{Profile, SetPointCursor, SetPointStep, SetPoints};
 pub use settings::{DensitySense, LegPreset, MediumPreset, Points, Settings, StartSettings, Steps};
 
-use crate::plant::{Body, Leg, Medium};
+use crate::faults::{self, Faults};
+use crate::plant::{Body, Ground, Leg, Medium};
 
 /// Longest run, s.
 const MAX_DURATION_S: f64 = 86_400.0;
@@ -40,7 +41,7 @@ pub struct Scenario {
     pub duration_s: f64,
     /// And at this distance from its start, m.
     pub distance_m: Option<f64>,
-    /// The leg.
+    /// The leg, as the controller is told.
     pub leg: Leg,
     /// Density ratio of the medium along x, m.
     pub density: Profile,
@@ -52,15 +53,15 @@ pub struct Scenario {
     pub set_points: SetPoints,
     /// The state at the start, its spread applied.
     pub start: Body,
+    /// What goes wrong.
+    pub faults: Faults,
 }
 
 impl Scenario {
     /// The shore: out of the sea onto land, from rest, the density estimated.
     #[must_use]
     pub fn shore() -> Self {
-        let settings = Settings::from_toml(include_str!("../../scenarios/shore.toml"))
-            .expect("the shore's file is part of the program, and tested");
-        Self::from_settings(&settings).expect("as above")
+        Self::from_settings(&Settings::shore()).expect("part of the program, and tested")
     }
 
     /// Time between two ticks, s.
@@ -107,10 +108,26 @@ impl Scenario {
             .with_leg(&self.leg_model())
     }
 
+    /// The leg that is played: the one that the controller is told, or another
+    /// where a fault makes it heavier or stiffer.
+    #[must_use]
+    pub fn played_leg(&self) -> Leg {
+        let [mass, stiffness] = self.faults.leg_factors();
+        let mut parameters = *self.leg.parameters();
+        parameters.mass_kg *= mass;
+        parameters.stiffness_n_m *= stiffness;
+        Leg::new(parameters).unwrap_or(self.leg)
+    }
+
     /// The medium at a place.
     #[must_use]
     pub fn medium_at(&self, x_m: f64) -> Medium {
-        Medium::new(self.density.at(x_m), self.gravity_m_s2)
+        self.medium_of(self.density.at(x_m))
+    }
+
+    /// The same gravity at a density that was checked.
+    pub(crate) fn medium_of(&self, density_ratio: f64) -> Medium {
+        Medium::new(density_ratio, self.gravity_m_s2)
             .expect("densities between checked ones, and a checked gravity")
     }
 
@@ -157,6 +174,17 @@ impl Scenario {
             }?;
         }
 
+        let seed = s.seed.unwrap_or(0);
+        let density_sense = s.density.unwrap_or_default();
+        let density_is_told = density_sense == DensitySense::Told;
+        let run = faults::Run { seed, rate_hz, density_is_told };
+        let faults = Faults::check(&s.faults, &run)
+            .map_err(|cause| BadValue { key: "fault", what: cause.to_string() })?;
+        let mut start = start(&s.start, seed, &leg, &guard)?;
+        if let Some(terrain) = faults.terrain() {
+            start.y_m += terrain.height_m(start.x_m);
+        }
+
         Ok(Self {
             rate_hz,
             duration_s,
@@ -164,14 +192,22 @@ impl Scenario {
             leg,
             density,
             gravity_m_s2: medium.gravity_m_s2(),
-            density_sense: s.density.unwrap_or_default(),
+            density_sense,
             set_points,
-            start: start(&s.start, s.seed.unwrap_or(0), &leg, &guard)?,
+            start,
+            faults,
         })
     }
 }
 
 impl Settings {
+    /// Those of [`Scenario::shore`].
+    #[must_use]
+    pub fn shore() -> Self {
+        Self::from_toml(include_str!("../../scenarios/shore.toml"))
+            .expect("the shore's file is part of the program, and tested")
+    }
+
     /// Reads settings from TOML text.
     ///
     /// # Errors
@@ -195,6 +231,7 @@ impl Settings {
     ///
     /// A medium, leg or set-point said here replaces the other ways of saying
     /// it in `base`: `--medium air` also takes a file's density profile out.
+    /// Faults are not replaced: these come behind those of `base`.
     #[must_use]
     pub fn over(self, base: Self) -> Self {
         let says_density =
@@ -228,6 +265,7 @@ impl Settings {
                 vx_spread_m_s: self.start.vx_spread_m_s.or(base.start.vx_spread_m_s),
                 y_spread_m: self.start.y_spread_m.or(base.start.y_spread_m),
             },
+            faults: base.faults.into_iter().chain(self.faults).collect(),
         }
     }
 }
@@ -376,6 +414,17 @@ pub enum ScenarioError {
 /// # Errors
 /// [`ScenarioError`], naming the file or the command line.
 pub fn load(file: Option<&Path>, flags: Settings) -> Result<Scenario, ScenarioError> {
+    load_with_settings(file, flags).map(|(scenario, _)| scenario)
+}
+
+/// The same, with the settings of both together.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_with_settings(
+    file: Option<&Path>,
+    flags: Settings,
+) -> Result<(Scenario, Settings), ScenarioError> {
     let mut settings = flags;
     if let Some(path) = file {
         let base = Settings::from_file(path)?;
@@ -384,8 +433,9 @@ pub fn load(file: Option<&Path>, flags: Settings) -> Result<Scenario, ScenarioEr
             .map_err(|cause| ScenarioError::Value { origin: path.display().to_string(), cause })?;
         settings = settings.over(base);
     }
-    Scenario::from_settings(&settings)
-        .map_err(|cause| ScenarioError::Value { origin: "command line".to_owned(), cause })
+    let scenario = Scenario::from_settings(&settings)
+        .map_err(|cause| ScenarioError::Value { origin: "command line".to_owned(), cause })?;
+    Ok((scenario, settings))
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ use serde::de::{Deserializer, Error};
 use serde::{Deserialize, Serialize};
 
 use super::profile::SetPointStep;
+use crate::faults::FaultSetting;
 use crate::plant::LegParameters;
 
 /// A leg by name.
@@ -44,7 +45,7 @@ pub enum DensitySense {
 }
 
 /// The settings of a run, unchecked.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize, clap::Args)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
     /// Ticks a second; the controller's must be the same [default: 1000].
@@ -94,10 +95,15 @@ pub struct Settings {
     /// How the run begins.
     #[command(flatten)]
     pub start: StartSettings,
+
+    /// A fault on purpose, as kind=value,key=value,…; as often as wanted; `help` lists them.
+    #[arg(long = "fault", value_name = "FAULT")]
+    #[serde(rename = "fault", skip_serializing_if = "Vec::is_empty")]
+    pub faults: Vec<FaultSetting>,
 }
 
 /// How a run begins, unchecked.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize, clap::Args)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(deny_unknown_fields, default)]
 pub struct StartSettings {
     /// Place at the start, m [default: 0].

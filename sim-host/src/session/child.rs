@@ -25,13 +25,15 @@ pub struct ControllerCall {
     pub domain: String,
     /// Its patience with this process.
     pub timeout: Duration,
+    /// The options of a loop in real time; none in lock-step.
+    pub real_time: Vec<OsString>,
 }
 
 impl ControllerCall {
     /// The arguments of the `controller` program that say this.
     #[must_use]
     pub fn arguments(&self) -> Vec<OsString> {
-        let mut arguments: Vec<OsString> = Vec::new();
+        let mut arguments: Vec<OsString> = vec!["--once".into()];
         if let Some(policy) = &self.policy {
             arguments.extend(["--policy".into(), policy.into()]);
         }
@@ -43,6 +45,7 @@ impl ControllerCall {
         ] {
             arguments.extend([flag.into(), value.into()]);
         }
+        arguments.extend(self.real_time.iter().cloned());
         arguments
     }
 }

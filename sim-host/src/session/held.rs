@@ -35,6 +35,11 @@ impl Default for Held {
 }
 
 impl Held {
+    /// Before another run: no command of this one is in force any more.
+    pub(super) fn forget(&mut self) {
+        (self.last, self.silent_ticks) = (None, SAFE_AFTER_TICKS);
+    }
+
     /// Takes in what came for this tick, if anything did; whether it counts.
     pub(super) fn take(&mut self, now: &Header, fresh: Option<Command>) -> bool {
         if let Some(command) = fresh {

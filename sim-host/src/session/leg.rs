@@ -10,7 +10,8 @@ use super::hash::StateHash;
 use super::held::Held;
 use super::outcome::{Ending, Outcome};
 use super::timing::RoundTrips;
-use crate::plant::{Body, EventKind, Flat, Medium, Phase, TickEvents, TickPlant};
+use crate::faults::{Terrain, WorldCounts};
+use crate::plant::{Body, EventKind, Flat, Ground, Medium, Phase, TickEvents, TickPlant};
 use crate::scenario::{DensitySense, Scenario, SetPointCursor};
 
 /// All there is to know of one tick.
@@ -53,8 +54,14 @@ pub struct Leg<'a> {
     ordered_m_s: Option<f64>,
     plant: TickPlant,
     medium: Medium,
+    terrain: Option<Terrain>,
+    changes_medium: bool,
+    world: WorldCounts,
     held: Held,
     seq: u64,
+    /// Played before the last restart.
+    ticks_before: u64,
+    restarts: u32,
     sample: Sample,
     touchdowns: u64,
     apexes: u64,
@@ -73,10 +80,15 @@ impl<'a> Leg<'a> {
             epoch,
             set_points: scenario.set_points.begin(scenario.start.x_m),
             ordered_m_s: None,
-            plant: TickPlant::new(scenario.leg, scenario.start),
+            plant: TickPlant::new(scenario.played_leg(), scenario.start),
             medium: scenario.medium_at(scenario.start.x_m),
+            terrain: scenario.faults.terrain(),
+            changes_medium: scenario.faults.change_the_medium(),
+            world: WorldCounts::default(),
             held: Held::default(),
             seq: 0,
+            ticks_before: 0,
+            restarts: 0,
             sample: Sample::default(),
             touchdowns: 0,
             apexes: 0,
@@ -84,6 +96,7 @@ impl<'a> Leg<'a> {
             rejected: 0,
             hash: StateHash::default(),
         };
+        leg.look_around();
         leg.sense();
         leg
     }
@@ -126,11 +139,32 @@ impl<'a> Leg<'a> {
             Some(Ending::Fall)
         } else if self.scenario.distance_m.is_some_and(|distance_m| way_m >= distance_m) {
             Some(Ending::Distance)
-        } else if self.seq >= self.scenario.ticks() {
+        } else if self.ticks() >= self.scenario.ticks() {
             Some(Ending::Duration)
         } else {
             None
         }
+    }
+
+    /// Ticks played, those before a restart included.
+    #[must_use]
+    pub fn ticks(&self) -> u64 {
+        self.ticks_before + self.seq
+    }
+
+    /// Puts the leg back to its scenario's start, as the run `epoch`. The time
+    /// that is left, and what was counted, go on.
+    pub fn restart(&mut self, epoch: u32) {
+        self.epoch = epoch;
+        self.restarts += 1;
+        self.ticks_before = self.ticks();
+        self.seq = 0;
+        let start = self.scenario.start;
+        self.set_points = self.scenario.set_points.begin(start.x_m);
+        self.plant = TickPlant::new(self.scenario.played_leg(), start);
+        self.look_around();
+        self.held.forget();
+        self.sense();
     }
 
     /// Asks for this speed from now on, m/s, whatever the scenario says; `None`
@@ -166,7 +200,10 @@ impl<'a> Leg<'a> {
         let command = self.held.in_force(&self.sample.header);
         let acts = self.held.acting(&self.sample.header);
 
-        let events = self.plant.step(dt_s, acts, medium, &Flat);
+        let events = match &self.terrain {
+            None => self.plant.step(dt_s, acts, medium, &Flat),
+            Some(terrain) => self.plant.step(dt_s, acts, medium, terrain),
+        };
         let after = self.plant.body();
         self.hash.body(&body);
         self.hash.command(&command);
@@ -176,7 +213,10 @@ impl<'a> Leg<'a> {
         }
         for event in events.iter() {
             match event.kind {
-                EventKind::Touchdown { .. } => self.touchdowns += 1,
+                EventKind::Touchdown { foot_y_m, .. } => {
+                    self.touchdowns += 1;
+                    self.world.uneven_touchdowns += u64::from(foot_y_m != 0.0);
+                }
                 EventKind::Apex => self.apexes += 1,
                 EventKind::LiftOff | EventKind::Fall => (),
             }
@@ -197,7 +237,8 @@ impl<'a> Leg<'a> {
             round_trip,
         });
         self.seq += 1;
-        self.medium = self.scenario.medium_at(after.x_m);
+        self.world.ticks += 1;
+        self.look_around();
         self.sense();
     }
 
@@ -208,8 +249,9 @@ impl<'a> Leg<'a> {
         self.hash.body(&body);
         Outcome {
             ending,
-            ticks: self.seq,
-            sim_time_s: self.t_s(),
+            restarts: self.restarts,
+            ticks: self.ticks(),
+            sim_time_s: self.ticks() as f64 / f64::from(self.scenario.rate_hz),
             wall_time_s,
             distance_m: body.x_m - self.scenario.start.x_m,
             body,
@@ -221,6 +263,7 @@ impl<'a> Leg<'a> {
             rejected: self.rejected,
             foreign_commands: self.held.refused,
             state_hash: self.hash.value(),
+            faults: self.scenario.faults.rows(&self.world),
             round_trips,
         }
     }
@@ -235,8 +278,22 @@ impl<'a> Leg<'a> {
         }
     }
 
+    /// Finds the medium for the tick that comes.
+    fn look_around(&mut self) {
+        let x_m = self.plant.body().x_m;
+        self.medium = self.scenario.medium_at(x_m);
+        let since_s = self.ticks() as f64 / f64::from(self.scenario.rate_hz);
+        if self.changes_medium
+            && let Some((tag, density_ratio)) = self.scenario.faults.density(since_s, x_m)
+        {
+            self.medium = self.scenario.medium_of(density_ratio);
+            self.world.count_medium(tag);
+        }
+    }
+
     fn sense(&mut self) {
         let body = self.plant.body();
+        let ground_m = self.terrain.map_or(0.0, |terrain| terrain.height_m(body.x_m));
         let mut seen = flags::CONTACT_SENSED | flags::LEG_LENGTH_SENSED;
         if matches!(self.plant.phase(), Phase::Stance { .. }) {
             seen |= flags::IN_CONTACT;
@@ -250,7 +307,7 @@ impl<'a> Leg<'a> {
             header: self.header(seen),
             set_point_m_s: self.ordered_m_s.unwrap_or(scheduled_m_s) as f32,
             vx_m_s: body.vx_m_s as f32,
-            y_m: body.y_m as f32,
+            y_m: (body.y_m - ground_m) as f32,
             vy_m_s: body.vy_m_s as f32,
             leg_length_m: self.plant.leg_length_m() as f32,
             density_ratio: if told { self.medium.density_ratio() as f32 } else { 0.0 },

@@ -3,16 +3,21 @@
 //!
 //! Sim time is tick number over rate. A command is taken only for its tick and
 //! epoch, however long it takes to come, so a run is the same, bit for bit,
-//! over any transport and at any speed.
+//! over any transport and at any speed. Where the scenario has faults on the
+//! link, they happen here, at the leg's end; in a tick that they leave without a
+//! command the leg goes on under the one before.
 
 use std::time::{Duration, Instant};
 
+use controller::host::faults::Faulty;
 use controller::host::{LegLink, LinkError, Role};
 use controller::wire::Command;
 
+use super::hooks::{Hooks, Observe};
 use super::leg::{Leg, TickRecord};
-use super::outcome::Outcome;
+use super::outcome::{Ending, Outcome};
 use super::timing::RoundTrips;
+use crate::faults::add_counts;
 use crate::scenario::Scenario;
 
 /// How a session is played.
@@ -64,7 +69,37 @@ pub fn run(
     scenario: &Scenario,
     link: &mut impl LegLink,
     options: Options,
-    mut observe: impl FnMut(&TickRecord),
+    observe: impl FnMut(&TickRecord),
+) -> Result<Outcome, SessionError> {
+    run_with(scenario, link, options, &mut Observe(observe))
+}
+
+/// As [`run`], with all that may be hooked into a run.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_with(
+    scenario: &Scenario,
+    link: &mut impl LegLink,
+    options: Options,
+    hooks: &mut impl Hooks,
+) -> Result<Outcome, SessionError> {
+    let plan = scenario.faults.plan();
+    if plan.is_empty() {
+        return run_on(scenario, link, options, hooks);
+    }
+    let mut faulty = Faulty::at_leg(link, plan).in_lock_step();
+    let mut outcome = run_on(scenario, &mut faulty, options, hooks)?;
+    add_counts(&mut outcome.faults, &faulty.into_parts().1);
+    Ok(outcome)
+}
+
+/// Plays over a link as it is: the scenario's faults on it have their place there.
+pub(super) fn run_on(
+    scenario: &Scenario,
+    link: &mut impl LegLink,
+    options: Options,
+    hooks: &mut impl Hooks,
 ) -> Result<Outcome, SessionError> {
     let mut leg = Leg::new(scenario, options.epoch);
     let mut round_trips = RoundTrips::default();
@@ -73,11 +108,16 @@ pub fn run(
         if let Some(ending) = leg.ending() {
             break ending;
         }
+        hooks.wait();
+        if hooks.ends() {
+            break Ending::Stopped;
+        }
+        hooks.steer(&mut leg);
         let asked = Instant::now();
         let command = ask(&mut leg, link, options.timeout)?;
         let round_trip = asked.elapsed();
         round_trips.record(round_trip);
-        leg.step(Some(command), round_trip, &mut observe);
+        leg.step(command, round_trip, &mut |tick: &TickRecord| hooks.observe(tick));
     };
     let wall_time_s = begun.elapsed().as_secs_f64();
     let tick = leg.seq();
@@ -85,12 +125,12 @@ pub fn run(
     Ok(leg.outcome(ending, wall_time_s, round_trips))
 }
 
-/// The command for this very sample.
+/// The command for this very sample; of a link with faults, what it gives.
 fn ask(
     leg: &mut Leg<'_>,
     link: &mut impl LegLink,
     timeout: Duration,
-) -> Result<Command, SessionError> {
+) -> Result<Option<Command>, SessionError> {
     let tick = leg.seq();
     let broken = |cause| SessionError::Link { tick, cause };
     link.send(leg.sample()).map_err(broken)?;
@@ -98,10 +138,13 @@ fn ask(
     let mut since = None;
     loop {
         let Some(command) = link.receive(left).map_err(broken)? else {
+            if link.is_settled() {
+                return Ok(None);
+            }
             return Err(SessionError::NoAnswer { tick, waited_s: timeout.as_secs_f64() });
         };
-        if leg.is_answered_by(&command) {
-            return Ok(command);
+        if leg.is_answered_by(&command) || link.is_settled() {
+            return Ok(Some(command));
         }
         leg.refuse(&command);
         let since = *since.get_or_insert_with(Instant::now);

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::timing::{RoundTripUs, RoundTrips};
+use crate::faults::FaultCount;
 use crate::plant::Body;
 
 /// Why a run ended.
@@ -15,6 +16,8 @@ pub enum Ending {
     Distance,
     /// The leg fell.
     Fall,
+    /// It was told to stop, or its link broke.
+    Stopped,
 }
 
 /// What a run came to.
@@ -22,6 +25,8 @@ pub enum Ending {
 pub struct Outcome {
     /// Why it ended.
     pub ending: Ending,
+    /// Falls after which it was put back to its start.
+    pub restarts: u32,
     /// Ticks played.
     pub ticks: u64,
     /// Simulated time, s.
@@ -49,6 +54,8 @@ pub struct Outcome {
     pub foreign_commands: u64,
     /// Hash of every state and command.
     pub state_hash: u64,
+    /// What each fault did.
+    pub faults: Vec<FaultCount>,
     /// How long the answers took.
     pub round_trips: RoundTrips,
 }
@@ -71,7 +78,7 @@ impl Outcome {
     pub fn report(&self) -> Report {
         Report {
             ending: self.ending,
-            falls: u32::from(self.ending == Ending::Fall),
+            falls: self.restarts + u32::from(self.ending == Ending::Fall),
             hops: self.touchdowns,
             apexes: self.apexes,
             distance_m: self.distance_m,
@@ -84,6 +91,7 @@ impl Outcome {
             rejected: self.rejected,
             round_trip_us: self.round_trips.quantiles_us(),
             state_hash: format!("{:016x}", self.state_hash),
+            faults: self.faults.clone(),
         }
     }
 }
@@ -93,7 +101,7 @@ impl Outcome {
 pub struct Report {
     /// Why the run ended.
     pub ending: Ending,
-    /// Falls: 0 or 1, a fall ends the run.
+    /// Falls: more than one where a leg that falls is put back to its start.
     pub falls: u32,
     /// Times that the foot came down.
     pub hops: u64,
@@ -119,4 +127,7 @@ pub struct Report {
     pub round_trip_us: RoundTripUs,
     /// Hash of every state and command, hexadecimal.
     pub state_hash: String,
+    /// What each fault did.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub faults: Vec<FaultCount>,
 }

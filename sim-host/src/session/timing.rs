@@ -37,6 +37,11 @@ impl RoundTrips {
         self.0.saturating_record(time.as_nanos().min(u128::from(LONGEST_NS)) as u64);
     }
 
+    /// Those of a loop in real time.
+    pub(super) fn of(times_ns: &Histogram<u64>) -> Self {
+        Self(times_ns.clone())
+    }
+
     /// The quantiles.
     #[must_use]
     pub fn quantiles_us(&self) -> RoundTripUs {

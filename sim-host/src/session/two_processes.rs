@@ -1,12 +1,14 @@
 //! A session with a controller in another process, from meeting to parting.
 
+use std::fmt;
 use std::io;
 use std::process::ExitStatus;
-use std::time::Duration;
+use std::time::{Duration, UNIX_EPOCH};
 
 use controller::host::domain::DomainError;
+use controller::host::patient::{Notice, Patient};
 use controller::host::shm::{ConnectError, Missing, ShmLeg};
-use controller::host::{Domain, Stop};
+use controller::host::{Domain, LegLink, Stop, Terms};
 
 use super::child::{ControllerCall, ControllerChild};
 use super::leg::TickRecord;
@@ -23,6 +25,8 @@ pub struct Meeting {
     pub timeout: Duration,
     /// The controller to start; `None` waits for one that somebody else starts.
     pub start: Option<ControllerCall>,
+    /// The number of the run; see [`epoch_now`].
+    pub epoch: u32,
 }
 
 /// Why there was no run, or not a whole one.
@@ -49,8 +53,61 @@ impl From<DomainError> for PlayError {
     }
 }
 
-/// Plays `scenario` over shared memory. `tell` hears every few milliseconds
-/// that the controller is still missing; `observe` sees every tick.
+/// What is worth a word, or may be.
+#[derive(Clone, Copy, Debug)]
+pub enum News<'a> {
+    /// Every few milliseconds: the first controller is still missing.
+    Missing(&'a Missing),
+    /// Something happened to the controller in the middle of the run.
+    Notice(&'a Notice),
+}
+
+/// A controller that has been met.
+pub struct Met<'a> {
+    /// The link to it.
+    pub link: ShmLeg,
+    patience: Duration,
+    tell: &'a mut dyn FnMut(News<'_>),
+    /// Whether another may come in its place.
+    wanted: &'a mut dyn FnMut() -> bool,
+}
+
+impl fmt::Debug for Met<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Met").field("link", &self.link).finish_non_exhaustive()
+    }
+}
+
+impl<'a> Met<'a> {
+    /// The link for a run in lock-step, which waits for a controller that is
+    /// lost.
+    #[must_use]
+    pub fn in_lock_step(self) -> impl LegLink + use<'a> {
+        let Self { link, patience, tell, wanted } = self;
+        Patient::new(
+            link,
+            patience,
+            |notice: &Notice| tell(News::Notice(notice)),
+            |_: &Missing| wanted(),
+        )
+    }
+}
+
+/// A number for a run that begins now: later ones have higher numbers, whoever
+/// plays them, so that a controller that stays takes none for the past. It
+/// counts hundredths of a second and wraps after 497 days; half of these count
+/// as the future.
+#[must_use]
+pub fn epoch_now() -> u32 {
+    (UNIX_EPOCH.elapsed().unwrap_or_default().as_millis() / 10) as u32
+}
+
+/// Plays `scenario` over shared memory, in lock-step. `tell` hears the news;
+/// `observe` sees every tick.
+///
+/// A controller that is lost in the middle of the run is waited for, as long as
+/// the first one: the next that comes is asked the same tick again. (Not so if
+/// it was started here.)
 ///
 /// Whatever happens, a controller started here has ended and is reaped when
 /// this returns, and nothing is left in shared memory.
@@ -61,27 +118,43 @@ pub fn play(
     scenario: &Scenario,
     meeting: &Meeting,
     stop: &Stop,
-    mut tell: impl FnMut(&Missing),
+    tell: impl FnMut(News<'_>),
     observe: impl FnMut(&TickRecord),
 ) -> Result<Outcome, PlayError> {
+    let options = Options { timeout: meeting.timeout, epoch: meeting.epoch };
+    play_by(scenario.terms(), meeting, stop, tell, |met| {
+        Ok(lock_step::run(scenario, &mut met.in_lock_step(), options, observe)?)
+    })
+}
+
+/// As [`play`], in whatever way `run` plays once the two have met on `terms`.
+///
+/// # Errors
+/// As [`play`].
+pub fn play_by<R>(
+    terms: Terms,
+    meeting: &Meeting,
+    stop: &Stop,
+    mut tell: impl FnMut(News<'_>),
+    run: impl FnOnce(Met<'_>) -> Result<R, PlayError>,
+) -> Result<R, PlayError> {
     // Before the child and dropped after it, so that the last to leave is this process,
     // and takes along what a killed child left.
     let domain = Domain::join(&meeting.domain)?;
     let mut child =
         meeting.start.as_ref().map(ControllerChild::spawn).transpose().map_err(PlayError::Start)?;
 
-    let terms = scenario.terms();
     let link = ShmLeg::connect_watching(&domain, terms, meeting.timeout, stop, |missing| {
-        tell(missing);
+        tell(News::Missing(missing));
         child.as_mut().is_none_or(|child| child.ended().is_none())
     });
-    let mut link = match (link, child.as_mut().and_then(ControllerChild::ended)) {
+    let link = match (link, child.as_mut().and_then(ControllerChild::ended)) {
         (Err(_), Some(status)) => return Err(PlayError::Controller(status)),
         (link, _) => link?,
     };
-    let options = Options { timeout: meeting.timeout, ..Options::default() };
-    let outcome = lock_step::run(scenario, &mut link, options, observe)?;
-    drop(link);
+    let mut wanted = || child.as_mut().is_none_or(|child| child.ended().is_none());
+    let (patience, tell, wanted) = (meeting.timeout, &mut tell as _, &mut wanted as _);
+    let outcome = run(Met { link, patience, tell, wanted })?;
     match child.map(ControllerChild::finish) {
         Some(Ok(status)) if !status.success() => Err(PlayError::Controller(status)),
         Some(Err(cause)) => Err(PlayError::Start(cause)),

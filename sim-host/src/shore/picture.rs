@@ -6,25 +6,26 @@ use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use std::ops::Range;
 
-type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
-type Panel<'c, 'a> = ChartContext<'c, SVGBackend<'a>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
-type DrawError = Box<dyn std::error::Error + Send + Sync>;
+pub(crate) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+pub(crate) type Panel<'c, 'a> =
+    ChartContext<'c, SVGBackend<'a>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+pub(crate) type DrawError = Box<dyn std::error::Error + Send + Sync>;
 
 /// The library draws on whole units: several of them a pixel make curves smooth.
-const UNITS_PER_PX: u32 = 4;
+pub(crate) const UNITS_PER_PX: u32 = 4;
 const SIZE: (u32, u32) = (px(1_400), px(780));
 const MARGIN: u32 = px(12);
 const LEFT: u32 = px(62);
-const FONT: &str = "sans-serif";
+pub(crate) const FONT: &str = "sans-serif";
 
-const INK: RGBColor = RGBColor(38, 44, 56);
-const FAINT: RGBColor = RGBColor(214, 218, 226);
-const WATER: RGBColor = RGBColor(40, 116, 190);
-const TOUCHDOWN: RGBColor = RGBColor(214, 96, 38);
-const LIFTOFF: RGBColor = RGBColor(20, 138, 118);
+pub(crate) const INK: RGBColor = RGBColor(38, 44, 56);
+pub(crate) const FAINT: RGBColor = RGBColor(214, 218, 226);
+pub(crate) const WATER: RGBColor = RGBColor(40, 116, 190);
+pub(crate) const TOUCHDOWN: RGBColor = RGBColor(214, 96, 38);
+pub(crate) const LIFTOFF: RGBColor = RGBColor(20, 138, 118);
 const GROUND: RGBColor = RGBColor(196, 178, 142);
 
-const fn px(pixels: u32) -> u32 {
+pub(crate) const fn px(pixels: u32) -> u32 {
     UNITS_PER_PX * pixels
 }
 
@@ -170,7 +171,7 @@ fn draw_velocity(area: &Area<'_>, track: &Track, x: &Range<f64>) -> Result<(), D
 }
 
 /// A level held from each point to the next.
-fn steps(points: impl Iterator<Item = Point>) -> Vec<Point> {
+pub(crate) fn steps(points: impl Iterator<Item = Point>) -> Vec<Point> {
     let mut line: Vec<Point> = Vec::new();
     for (x, y) in points {
         if let Some(&(_, level)) = line.last() {

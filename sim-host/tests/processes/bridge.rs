@@ -17,8 +17,8 @@ use controller::serial::message::{Mode, Request, Slot};
 use rustix::process::Signal;
 use serde_json::Value;
 
+use super::SOON;
 use super::place::{Place, Running, text};
-use super::{ENDLESS, SOON};
 
 const PATIENT: [&str; 4] = ["--domain", "test", "--timeout", "30"];
 const TICKS: u64 = 10_000;
@@ -234,18 +234,21 @@ fn a_controller_that_was_reset_begins_anew_in_the_run() {
     }
 }
 
+/// Outlives its test, but not its controller.
+const IMPATIENT: [&str; 4] = ["--duration", "80000", "--timeout", "1"];
+
 #[test]
 fn unplugged_it_ends_when_told_so_or_when_patience_is_over() {
     let place = Place::new();
     let board = Board::new(&place, &[(2000, Mishap::Unplug)]);
     let first = bridge(&place, &board, &["--on-unplug", "end"]);
-    let run = place.simulator(&ENDLESS);
+    let run = place.simulator(&IMPATIENT);
     first.end().assert(1, &["the line to the controller broke", "--on-unplug reconnect"]);
     run.end().assert(1, &["the controller", "left before the run was over"]);
 
     let second =
         place.start("bridge", &["--unix", board.socket(), "--domain", "test", "--timeout", "0.7"]);
-    let run = place.simulator(&ENDLESS);
+    let run = place.simulator(&IMPATIENT);
     place.wait_for_the_run(None);
     std::fs::remove_file(&board.path).unwrap();
     drop(board);
@@ -261,7 +264,7 @@ fn two_bridges_do_not_get_in_each_others_way() {
     let place = Place::new();
     let board = Board::new(&place, &[]);
     let mut first = bridge(&place, &board, &[]);
-    let run = place.simulator(&ENDLESS);
+    let run = place.simulator(&IMPATIENT);
     place.wait_for_the_run(None);
     // A board has one line.
     bridge(&place, &board, &[]).end().assert(1, &["nobody has answered for"]);

@@ -12,7 +12,7 @@ use controller::leg::LegModel;
 use controller::policy::{GainPoint, GainSchedule, Manifest, Media, Provenance, write};
 use tempfile::TempDir;
 
-const PROGRAM: &str = env!("CARGO_BIN_EXE_sim-host");
+pub(crate) const PROGRAM: &str = env!("CARGO_BIN_EXE_sim-host");
 const DOMAIN: &str = "test";
 /// Longer than any process here should live.
 const LONG: Duration = Duration::from_mins(1);
@@ -34,6 +34,11 @@ impl Place {
     pub(crate) fn base(&self) -> PathBuf {
         let user = rustix::process::getuid().as_raw();
         self.dir.path().join(format!("spring-leg-{user}"))
+    }
+
+    /// A file of this name.
+    pub(crate) fn file(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
     }
 
     pub(crate) fn policy(&self) -> PathBuf {
@@ -62,11 +67,42 @@ impl Place {
         self.start("run", &[&["--domain", DOMAIN], arguments].concat())
     }
 
-    /// A controller that waits for its simulator here.
+    /// A controller that waits for its simulator here, for one run.
     pub(crate) fn controller(&self, arguments: &[&str]) -> Running {
+        self.staying(&[&["--once"], arguments].concat())
+    }
+
+    /// A controller that stays here.
+    pub(crate) fn staying(&self, arguments: &[&str]) -> Running {
         let policy = self.policy();
         let own = ["--domain", DOMAIN, "--policy", text(&policy)];
         self.start("controller", &[&own, arguments].concat())
+    }
+
+    /// Tells or asks the controller here.
+    pub(crate) fn ask(&self, what: &[&str]) -> Ended {
+        self.start("controller", &[what, &["--domain", DOMAIN]].concat()).end()
+    }
+
+    /// The status of the controller here.
+    #[track_caller]
+    pub(crate) fn status(&self) -> serde_json::Value {
+        let status = self.ask(&["status", "--json"]);
+        serde_json::from_str(&status.assert_ok().out).expect("JSON")
+    }
+
+    /// Waits until the controller's status is as wanted.
+    #[track_caller]
+    pub(crate) fn wait_for_status(&self, wanted: impl Fn(&serde_json::Value) -> bool) {
+        let deadline = Instant::now() + LONG;
+        loop {
+            let status = self.ask(&["status", "--json"]);
+            let found = serde_json::from_str(&status.out).is_ok_and(|status| wanted(&status));
+            if found {
+                return;
+            }
+            assert!(Instant::now() < deadline, "{} {}", status.out, status.err);
+        }
     }
 
     /// A simulator with a controller of its choice; the domain is its own.
@@ -166,6 +202,16 @@ impl Running {
         rustix::process::kill_process(pid.expect("a process"), signal).expect("signal");
     }
 
+    /// Sends one to each process that it has started.
+    pub(crate) fn signal_children(&mut self, signal: rustix::process::Signal) {
+        let pid = self.pid();
+        let children = fs::read_to_string(format!("/proc/{pid}/task/{pid}/children"));
+        for child in children.expect("the system tells").split_whitespace() {
+            let pid = child.parse().ok().and_then(rustix::process::Pid::from_raw);
+            rustix::process::kill_process(pid.expect("a process"), signal).expect("signal");
+        }
+    }
+
     /// Waits for its end.
     #[track_caller]
     pub(crate) fn end(mut self) -> Ended {
@@ -219,12 +265,17 @@ impl Ended {
 /// A policy that hops in place in air: the leg stands upright, a little ahead
 /// of a mass that moves, and never lengthens.
 fn hopping_in_place() -> Vec<u8> {
+    hopping_named("hop in place")
+}
+
+/// The same under another name: another blob, that hops alike.
+pub(crate) fn hopping_named(name: &str) -> Vec<u8> {
     let widths = Widths::from_slice(&[3, 2]).expect("two widths");
     let mut packed = Vec::with_capacity(packed_len(&widths).expect("an actor"));
     // Rows: angle, elongation speed; columns: velocity, height, density.
     pack(&[0.12, 0.0, 0.0, 0.0, 0.0, 0.0], &[0.0, 0.0], 3, |w| packed.push(w));
     let manifest = Manifest {
-        name: "hop in place",
+        name,
         widths,
         observation: ObservationScaling::IDENTITY,
         action: ActionScaling {

@@ -1,6 +1,6 @@
 //! The whole check, in the order in which failures are cheapest to learn of.
 
-use crate::{budget, hil, image, setup, step::Step};
+use crate::{budget, chaos, hil, image, setup, step::Step};
 use anyhow::Result;
 use std::time::Instant;
 
@@ -50,6 +50,7 @@ pub(crate) fn run() -> Result<()> {
         times.push((name, start.elapsed()));
         Ok(())
     };
+    own("chaos: cargo xtask chaos --kills 20", &|| chaos::run(&chaos::Args::short()))?;
     own("no way to panic: cargo xtask image", &image::run)?;
     own("budget: cargo xtask budget", &|| budget::run(&budget::Args::default()))?;
     own("hardware in the loop: cargo xtask hil --ticks 20000", &|| {

@@ -1,6 +1,7 @@
 //! The repository's own commands; `cargo xtask --help` lists them.
 
 mod budget;
+mod chaos;
 mod ci;
 mod flash;
 mod hil;
@@ -27,6 +28,8 @@ enum Command {
     Ci,
     /// Count instructions of the firmware in the emulator and compare them with the budgets.
     Budget(budget::Args),
+    /// Kill and stop real processes in real time, and see the others stand.
+    Chaos(chaos::Args),
     /// Install what is missing, or say what to install.
     Setup,
     /// Flash a real board by probe-rs.
@@ -43,6 +46,7 @@ fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Ci => ci::run(),
         Command::Budget(args) => budget::run(&args),
+        Command::Chaos(args) => chaos::run(&args),
         Command::Setup => setup::run(),
         Command::Flash(args) => flash::run(&args),
         Command::Hil(args) => hil::run(&args),

@@ -69,10 +69,15 @@ impl Line {
         Ok(Came::Nothing)
     }
 
+    /// The payload of the frame that came last.
+    pub(super) fn payload(&self) -> &[u8] {
+        self.receiver.payload()
+    }
+
     /// The message of the frame that came last; `None` when it is none that is
     /// known here.
     pub(super) fn message<'a, M: Deserialize<'a>>(&'a self) -> Option<M> {
-        frame::decode(self.receiver.payload()).ok()
+        frame::decode(self.payload()).ok()
     }
 
     pub(super) fn count_unknown(&mut self) {

@@ -13,6 +13,7 @@ pub mod commands;
 pub mod faults;
 pub mod identity;
 mod line;
+pub mod link;
 mod noise;
 mod pending;
 pub mod stream;
@@ -21,6 +22,7 @@ pub mod virtual_board;
 
 pub use client::{Client, ClientError, Counts, Heard};
 pub use identity::{WhichPolicy, Who};
+pub use link::{SerialController, SerialLeg};
 pub use noise::Noisy;
 pub use stream::{ByteStream, Endpoint, OpenError};
 pub use virtual_board::VirtualBoard;

@@ -4,7 +4,7 @@ use std::fmt;
 use std::time::Duration;
 
 use crate::host::card::{Pace, Role};
-use crate::host::domain::DomainError;
+use crate::host::domain::{DomainError, apart_from};
 
 /// The peer that has not come, and how to start it.
 #[derive(Clone, Debug)]
@@ -21,16 +21,19 @@ pub struct Missing {
     pub gravity_m_s2: f32,
     /// The pace that it has to have; `None` is either.
     pub pace: Option<Pace>,
+    /// Other users with domains in the same place.
+    pub other_users: Vec<u32>,
 }
 
 impl fmt::Display for Missing {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { peer, domain, waited, rate_hz, gravity_m_s2, pace } = self;
+        let Self { peer, domain, waited, rate_hz, gravity_m_s2, pace, other_users } = self;
         let pace = if *pace == Some(Pace::RealTime) { " --real-time" } else { "" };
         write!(
             f,
-            "no {peer} in domain `{domain}` after {:.1} s; start one with `{} --domain {domain} --rate {rate_hz} --gravity {gravity_m_s2}{pace}`",
+            "no {peer} in domain `{domain}` after {:.1} s{}; start one with `{} --domain {domain} --rate {rate_hz} --gravity {gravity_m_s2}{pace}`",
             waited.as_secs_f64(),
+            apart_from(other_users),
             peer.start_hint()
         )
     }
@@ -118,6 +121,17 @@ pub enum ConnectError {
         /// What the transport says.
         cause: String,
     },
+}
+
+impl ConnectError {
+    /// Whether a peer is there that does not fit: another may.
+    #[must_use]
+    pub fn is_misfit(&self) -> bool {
+        matches!(
+            self,
+            Self::WireVersion { .. } | Self::Rate { .. } | Self::Gravity { .. } | Self::Pace { .. }
+        )
+    }
 }
 
 fn by(pid: Option<u32>) -> String {

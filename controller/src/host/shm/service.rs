@@ -18,6 +18,10 @@ const MAX_NODES: usize = 16;
 /// For how long to try to make a service or a port while a dead process is cleaned up.
 const SETTLE: Duration = Duration::from_secs(2);
 
+/// For how long iceoryx2 waits by itself for what another process is making. A loop may
+/// have to, for a peer that is killed while it connects: as short as a process takes.
+const CREATION: Duration = Duration::from_millis(5);
+
 const WIRE_VERSION_KEY: &str = "wire-version";
 const RATE_KEY: &str = "rate-hz";
 const GRAVITY_KEY: &str = "gravity-m-s2";
@@ -36,6 +40,7 @@ pub fn config(domain: &Domain) -> Result<Config, String> {
     let root = Path::new(domain.root().as_os_str().as_encoded_bytes())
         .map_err(|cause| format!("{}: {cause}", domain.root().display()))?;
     config.global.set_root_path(&root);
+    config.global.creation_timeout = CREATION;
     Ok(config)
 }
 

@@ -1,0 +1,18 @@
+//! `sim-host faults`.
+
+use std::process::ExitCode;
+
+use crate::faults::help;
+
+/// Prints the faults that there are.
+pub(super) fn main() -> ExitCode {
+    print!("{}", help());
+    ExitCode::SUCCESS
+}
+
+/// Whether the program was called with `--fault help`.
+pub(super) fn asked_for() -> bool {
+    let arguments: Vec<_> = std::env::args_os().collect();
+    arguments.windows(2).any(|pair| pair[0] == "--fault" && pair[1] == "help")
+        || arguments.iter().any(|argument| argument == "--fault=help")
+}

@@ -1,0 +1,52 @@
+//! `sim-host plot`.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Context;
+
+use super::misuse;
+use crate::output;
+use crate::plot::{Course, picture};
+
+/// Draws a recording over time: height, velocity at each apex and set-point,
+/// density, commands; what happened, and when the leg was under a safe command.
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// What `sim-host run --record` wrote.
+    recording: PathBuf,
+    /// Where the picture goes.
+    #[arg(short, long, value_name = "FILE")]
+    out: PathBuf,
+    /// From this simulated time on, s [default: the beginning].
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    from: Option<f64>,
+    /// Until this simulated time, s [default: the end].
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    until: Option<f64>,
+}
+
+pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
+    let (from_s, until_s) = (args.from.unwrap_or(0.0), args.until.unwrap_or(f64::INFINITY));
+    if !(from_s >= 0.0 && until_s > from_s) {
+        return Err(misuse(format!(
+            "--from {from_s} --until {until_s}: the first must be 0 or more, the second above it"
+        )));
+    }
+    let course = Course::read(&args.recording, from_s..until_s).map_err(misuse)?;
+    if course.is_empty() {
+        return Err(misuse(format!(
+            "{}: nothing of it lies between --from {from_s} s and --until {until_s} s; it ends at {:.3} s",
+            args.recording.display(),
+            course.end_s
+        )));
+    }
+    if let Some(warning) = &course.warning {
+        eprintln!("sim-host: warning: {warning}");
+    }
+    let svg = picture::draw(&course)
+        .map_err(|cause| anyhow::anyhow!("cannot draw the picture: {cause}"))?;
+    output::replace(&args.out, svg.as_bytes())
+        .with_context(|| format!("cannot write {}", args.out.display()))?;
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,90 @@
+//! `sim-host robustness`.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::Context;
+
+use super::{checked_policy, misuse};
+use crate::output::Pending;
+use crate::robustness::{Media, Size, picture, sweep};
+
+const MOST_RUNS: u64 = 100_000;
+
+/// Plays a policy under faults of growing size, one kind at a time, in each
+/// medium, from seeded starts; prints and draws the share of runs that still hop
+/// after 30 hops.
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// The policy [default: the shipped one].
+    #[arg(long, value_name = "FILE")]
+    policy: Option<PathBuf>,
+    /// Runs at each level, each from a start of its own.
+    #[arg(long, value_name = "N", default_value_t = 20, allow_negative_numbers = true)]
+    runs: u64,
+    /// Threads [default: one a core]; the result is the same for any number.
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    jobs: Option<usize>,
+    /// Where the leg hops.
+    #[arg(long, value_name = "MEDIA", value_delimiter = ',', default_value = "water,shore,land")]
+    media: Vec<Media>,
+    /// Where picture and table go: robustness.svg, robustness.csv.
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    out: PathBuf,
+    /// Print the result as one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
+    if !(1..=MOST_RUNS).contains(&args.runs) {
+        return Err(misuse(format!("--runs is {}; it must be from 1 to {MOST_RUNS}", args.runs)));
+    }
+    let jobs = args.jobs.unwrap_or(0);
+    if args.jobs.is_some_and(|jobs| !(1..=1024).contains(&jobs)) {
+        return Err(misuse(format!("--jobs is {jobs}; it must be from 1 to 1024")));
+    }
+    let mut media: Vec<Media> = Vec::new();
+    for &one in &args.media {
+        if !media.contains(&one) {
+            media.push(one);
+        }
+    }
+    let blob = checked_policy(args.policy.as_deref())?;
+    let policy = blob.policy().map_err(misuse)?;
+    // Now, so that a folder that cannot be written to does not cost the sweep.
+    let (svg, csv) = (begin(&args.out, "robustness.svg")?, begin(&args.out, "robustness.csv")?);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(jobs).build()?;
+    let size = Size { runs: args.runs, media };
+    let report = pool.install(|| sweep(&policy, &size))?;
+    let drawn = picture::draw(&report)
+        .map_err(|cause| anyhow::anyhow!("cannot draw the picture: {cause}"))?;
+    finish(svg, &drawn)?;
+    finish(csv, &report.csv())?;
+    if args.json {
+        println!("{}", serde_json::to_string(&report)?);
+    } else {
+        println!("{report}\n  picture: {}", args.out.join("robustness.svg").display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn begin(folder: &Path, name: &str) -> anyhow::Result<(Pending, PathBuf)> {
+    let path = folder.join(name);
+    let pending = fs::create_dir_all(folder)
+        .and_then(|()| Pending::create(&path))
+        .with_context(|| cannot_write(&path))?;
+    Ok((pending, path))
+}
+
+fn finish((mut file, path): (Pending, PathBuf), text: &str) -> anyhow::Result<()> {
+    use std::io::Write as _;
+    file.write_all(text.as_bytes())
+        .and_then(|()| file.finish())
+        .with_context(|| cannot_write(&path))
+}
+
+fn cannot_write(path: &Path) -> String {
+    format!("cannot write {}; --out chooses another folder", path.display())
+}

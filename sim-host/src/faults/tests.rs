@@ -1,0 +1,192 @@
+use controller::control::{Config, Controller};
+use controller::host::memory::Inline;
+use controller::policy::{Policy, SHIPPED};
+
+use super::*;
+use crate::plant::EventKind;
+use crate::scenario::{Scenario, Settings};
+use crate::session::lock_step::{self, Options};
+use crate::session::{Outcome, stepped};
+
+fn scenario(toml: &str) -> Scenario {
+    Scenario::from_settings(&Settings::from_toml(toml).unwrap()).unwrap()
+}
+
+fn refusal(fault: &str) -> String {
+    let setting = match fault.parse::<FaultSetting>() {
+        Ok(setting) => setting,
+        Err(refused) => return refused.to_string(),
+    };
+    let settings = Settings { faults: vec![setting], ..Settings::default() };
+    let refused = Scenario::from_settings(&settings).expect_err(fault);
+    assert_eq!(refused.key, "fault");
+    refused.to_string()
+}
+
+fn with_policy<R>(play: impl FnOnce(Controller<'_>) -> R) -> R {
+    let blob: controller::host::blob::AlignedBytes = SHIPPED.into();
+    let policy = Policy::parse(blob.as_slice()).unwrap();
+    play(Controller::new(policy, Config::at_rate(1000).unwrap()))
+}
+
+fn play(scenario: &Scenario) -> Outcome {
+    with_policy(|mut controller| {
+        stepped::run(scenario, |s| controller.tick(s), Options::default(), |_| ()).unwrap()
+    })
+}
+
+const SHORT: &str = "duration_s = 6.0\nset_point_m_s = 0.3\n";
+
+#[test]
+fn file_and_command_line_say_the_same() {
+    let pairs = [
+        ("drop=0.1", "drop = 0.1"),
+        ("delay=3,direction=commands", "delay = 3\ndirection = \"commands\""),
+        (
+            "noise=0.05,field=vx,from=1,until=2.5s",
+            "noise = 0.05\nfield = \"vx\"\nfrom = 1\nuntil = \"2.5s\"",
+        ),
+        ("ground=rough,height=0.05", "ground = \"rough\"\nheight = 0.05"),
+        ("medium=0.0,at=5s", "medium = \"0.0\"\nat = \"5s\""),
+    ];
+    for (flag, table) in pairs {
+        let from_file = Settings::from_toml(&format!("[[fault]]\n{table}")).unwrap();
+        let from_flag = flag.parse::<FaultSetting>().unwrap();
+        let [from_file] = from_file.faults.try_into().unwrap();
+        assert_eq!(from_flag, from_file, "{flag}");
+        // And as a recording keeps it.
+        let settings = Settings { faults: vec![from_flag], ..Settings::default() };
+        let again = Settings::from_toml(&toml::to_string(&settings).unwrap()).unwrap();
+        assert_eq!(again, settings);
+    }
+    let unknown = Settings::from_toml("[[fault]]\ndorp = 0.1").unwrap_err().to_string();
+    assert!(unknown.contains("`dorp` is not a fault; there are drop, delay"), "{unknown}");
+    let both = Settings::from_toml("[[fault]]\ndrop = 0.1").unwrap();
+    let flags = Settings { faults: vec!["mass=2".parse().unwrap()], ..Settings::default() };
+    let said: Vec<String> = flags.over(both).faults.iter().map(ToString::to_string).collect();
+    assert_eq!(said, ["drop=0.1", "mass=2"], "a flag adds to a file");
+}
+
+#[test]
+fn what_cannot_be_is_refused_with_what_can() {
+    for (fault, parts) in [
+        ("drp=1", ["`drp` is not a fault", "drop, delay, jitter"]),
+        ("drop", ["`drop` is not key=value", "sim-host faults"]),
+        ("drop=2", ["drop is 2", "from 0 to 1"]),
+        ("drop=NaN", ["drop is NaN", "from 0 to 1"]),
+        ("drop=0.1,field=vx", ["`drop` has no key `field`", "direction, from, until"]),
+        ("drop=0.1,direction=up", ["direction is up", "samples, commands or both"]),
+        ("drop=0.1,delay=3", ["two faults", "of its own"]),
+        ("drop=0.1,from=1,from=2", ["`from`", "twice"]),
+        ("drop=0.1,from=5,until=4", ["until must be later", "from"]),
+        ("delay=1.5", ["delay is 1.5", "a whole number from 0 to 1000"]),
+        ("corrupt=1,bits=0", ["bits is 0", "from 1 to 64"]),
+        ("freeze=5,as=ice", ["as is ice", "last or nothing"]),
+        ("noise=0.1,field=density", ["no sensor tells it", "--density told"]),
+        ("noise=2,field=contact", ["noise is 2", "from 0 to 1"]),
+        ("bias=1", ["field= must be said", "unit"]),
+        ("nan=0.1,field=contact", ["field is contact", "noise and stuck"]),
+        ("saturate=1", ["field is nothing", "angle, angle-rate or elongation-rate"]),
+        ("mass=0", ["mass is 0", "from 0.1 to 10"]),
+        ("ground=hills", ["ground is hills", "steps, slope, sine or rough"]),
+        ("ground=slope,height=1", ["ground=slope", "has no height"]),
+        ("medium=3", ["medium is 3", "from 0 to 2"]),
+        ("medium=1,at=5h", ["at is 5h", "a number"]),
+    ] {
+        let message = refusal(fault);
+        assert!(parts.iter().all(|part| message.contains(part)), "{fault}: {message}");
+    }
+    let two = "[[fault]]\nground = \"rough\"\n[[fault]]\nground = \"sine\"";
+    let refused = Scenario::from_settings(&Settings::from_toml(two).unwrap()).unwrap_err();
+    assert!(refused.to_string().contains("only one ground"), "{refused}");
+}
+
+#[test]
+fn without_faults_nothing_changes_and_with_them_the_seed_decides() {
+    let plain = scenario(SHORT);
+    let inline = with_policy(|mut controller| {
+        let mut link = Inline::new(|sample| controller.tick(Some(sample)));
+        lock_step::run(&plain, &mut link, Options::default(), |_| ()).unwrap()
+    });
+    assert_eq!(play(&plain).state_hash, inline.state_hash);
+    assert!(inline.report().faults.is_empty());
+    let never = scenario(&format!("{SHORT}[[fault]]\ndrop = 1.0\nfrom = 50"));
+    let outcome = play(&never);
+    assert_eq!(outcome.state_hash, inline.state_hash);
+    assert_eq!(outcome.faults[0].to_string(), "fault drop=1,from=50: never fired");
+
+    let seeded = |seed: u64, fault: &str| {
+        play(&scenario(&format!("seed = {seed}\n{SHORT}[[fault]]\n{fault}"))).state_hash
+    };
+    for fault in [
+        "drop = 0.2",
+        "jitter = 4",
+        "duplicate = 0.1",
+        "reorder = 0.1",
+        "corrupt = 0.01",
+        "freeze = 5\nchance = 0.01",
+        "noise = 0.01",
+        "stuck = 4\nchance = 0.01",
+        "nan = 0.02",
+        "ground = \"rough\"",
+        "ground = \"steps\"",
+    ] {
+        assert_eq!(seeded(1, fault), seeded(1, fault), "{fault}");
+        assert_ne!(seeded(1, fault), seeded(2, fault), "{fault}");
+        assert_ne!(seeded(1, fault), inline.state_hash, "{fault}");
+    }
+}
+
+#[test]
+fn each_fault_is_counted_by_itself() {
+    let toml = format!(
+        "{SHORT}[[fault]]\ndelay = 2\ndirection = \"commands\"\nfrom = 1\nuntil = 2\n\
+         [[fault]]\nmass = 1.1\n[[fault]]\nmedium = 0.2\nat = 3\nuntil = 4\n\
+         [[fault]]\nground = \"slope\"\n[[fault]]\nbias = 0.1\nfield = \"y\"\n"
+    );
+    let outcome = play(&scenario(&toml));
+    let counts: Vec<u64> = outcome.faults.iter().map(|row| row.touched).collect();
+    assert_eq!(counts[..3], [1000, 6000, 1000]);
+    assert_eq!(counts[3], outcome.touchdowns, "the slope is nowhere level but at 0");
+    assert_eq!(counts[4], 6000);
+    assert_eq!(outcome.report().faults, outcome.faults);
+}
+
+#[test]
+fn a_wrong_leg_is_played_and_not_told() {
+    let told = scenario("");
+    let played = scenario("[[fault]]\nmass = 1.5\n[[fault]]\nstiffness = 0.5");
+    assert_eq!(played.leg_model(), told.leg_model());
+    assert_eq!(played.terms(), told.terms());
+    let (mass_kg, stiffness_n_m) =
+        (played.played_leg().parameters().mass_kg, played.played_leg().parameters().stiffness_n_m);
+    assert_eq!((mass_kg, stiffness_n_m), (120.0, 10_000.0));
+    assert_eq!(told.played_leg(), told.leg);
+}
+
+#[test]
+fn the_leg_feels_the_ground_under_it_and_the_medium_of_the_moment() {
+    let uneven = scenario(&format!(
+        "{SHORT}[start]\nx_m = 1.0\n[[fault]]\nground = \"slope\"\ngrade = 0.1\n\
+         [[fault]]\nmedium = 0.5\nat = \"1.2m\"\n"
+    ));
+    assert_eq!(uneven.start.y_m, 2.1, "as high above the ground as asked");
+    let mut touchdowns = 0;
+    with_policy(|mut controller| {
+        let law = |sample: Option<&_>| controller.tick(sample);
+        stepped::run(&uneven, law, Options::default(), |tick| {
+            let above_m = tick.body.y_m - 0.1 * tick.body.x_m;
+            assert_eq!(tick.sample.y_m, above_m as f32);
+            let density_ratio = if tick.body.x_m >= 1.2 { 0.5 } else { 0.0 };
+            assert_eq!(tick.medium.density_ratio(), density_ratio);
+            for event in tick.events.iter() {
+                if let EventKind::Touchdown { foot_x_m, foot_y_m } = event.kind {
+                    assert!((foot_y_m - 0.1 * foot_x_m).abs() < 1e-9);
+                    touchdowns += 1;
+                }
+            }
+        })
+        .unwrap()
+    });
+    assert!(touchdowns > 2, "{touchdowns}");
+}

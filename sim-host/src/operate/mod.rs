@@ -1,0 +1,81 @@
+//! A run operated from beside it: asked how it goes, given another set-point,
+//! paused, ended.
+//!
+//! The leg's desk answers in JSON over a socket, from a thread of its own; the
+//! loop and it share a [`Board`] of atomic numbers, so neither waits for the
+//! other.
+
+mod board;
+mod desk;
+
+use std::sync::Arc;
+
+use controller::host::desk::Desk;
+use controller::host::domain::DomainError;
+use controller::host::socket::SocketError;
+use controller::host::{Domain, Pace, Stop};
+use serde_json::Value;
+
+use crate::session::{Hooks, Leg, TickRecord};
+
+pub use board::{BUCKETS, Board};
+pub use desk::{LegRequest, LegStatus};
+
+/// Why a run cannot be operated.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum OperateError {
+    /// There is no such domain.
+    #[error(transparent)]
+    Domain(#[from] DomainError),
+    /// The desk's socket cannot be had.
+    #[error(transparent)]
+    Socket(#[from] SocketError),
+}
+
+/// A run with a desk, hooked into its session.
+#[derive(Debug)]
+pub struct Operated {
+    board: Arc<Board>,
+    /// Orders that the leg has.
+    known: u32,
+    stop: Stop,
+    _desk: Desk,
+}
+
+impl Operated {
+    /// Opens the leg's desk in the domain of this name; this process must play
+    /// the leg there. `timing` gives the loop's own figures, when it has some.
+    ///
+    /// # Errors
+    /// [`OperateError`].
+    pub fn open(
+        domain: &str,
+        rate_hz: u32,
+        pace: Pace,
+        stop: &Stop,
+        timing: impl Fn() -> Option<Value> + Send + 'static,
+    ) -> Result<Self, OperateError> {
+        let board = Arc::new(Board::default());
+        let desk = desk::open(&Domain::join(domain)?, &board, rate_hz, pace, timing)?;
+        Ok(Self { board, known: 0, stop: stop.clone(), _desk: desk })
+    }
+}
+
+impl Hooks for Operated {
+    fn wait(&mut self) {
+        self.board.wait_while_paused(&self.stop);
+    }
+
+    fn ends(&mut self) -> bool {
+        self.board.is_ended()
+    }
+
+    fn steer(&mut self, leg: &mut Leg<'_>) {
+        self.board.steer(leg, &mut self.known);
+    }
+
+    fn observe(&mut self, tick: &TickRecord<'_>) {
+        self.board.show(tick);
+    }
+}

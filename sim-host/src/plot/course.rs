@@ -1,0 +1,262 @@
+//! What of a recording is drawn.
+
+use std::ops::Range;
+use std::path::Path;
+
+use controller::wire::flags;
+
+use crate::record::read::{Entry, ReadError, Reader};
+use crate::record::schema::{Apex, Command, Event, Sample, State};
+use crate::scenario::{Scenario, Settings};
+
+/// Points of a line, about: more than that cannot be told apart.
+const POINTS: usize = 2_500;
+
+/// A line over time, s.
+pub(super) type Line = Vec<(f64, f64)>;
+
+/// The course of a run, over a stretch of its time.
+#[derive(Clone, Debug, Default)]
+pub struct Course {
+    /// The recording's file, and what it says of the run.
+    pub(super) title: String,
+    /// When the whole recording ends, s.
+    pub end_s: f64,
+    /// What is wrong with the file.
+    pub warning: Option<String>,
+    /// Height of the mass, m.
+    pub(super) height: Line,
+    /// Horizontal velocity, m/s.
+    pub(super) velocity: Line,
+    /// The velocity asked for, where it changes, m/s.
+    pub(super) set_point: Line,
+    /// Density of the medium over that of water.
+    pub(super) density: Line,
+    /// Leg angle as commanded, from upright, deg.
+    pub(super) leg_angle: Line,
+    /// Elongation of the spring as commanded, cm.
+    pub(super) elongation: Line,
+    /// Every apex.
+    pub(super) apexes: Vec<Apex>,
+    /// Everything else that happened.
+    pub(super) events: Vec<Event>,
+    /// Stretches under a safe command, s.
+    pub(super) safe: Vec<Range<f64>>,
+    /// Stretches that the recording lacks, s.
+    pub(super) gaps: Vec<Range<f64>>,
+}
+
+/// A line that is thinned as it grows, so that it keeps its look at any length.
+#[derive(Debug, Default)]
+struct Thinned {
+    line: Line,
+    stride: usize,
+    seen: usize,
+}
+
+impl Thinned {
+    fn push(&mut self, t_s: f64, value: f64) {
+        if self.seen.is_multiple_of(self.stride.max(1)) {
+            self.line.push((t_s, value));
+            if self.line.len() >= 2 * POINTS {
+                self.stride = 2 * self.stride.max(1);
+                let mut i = 0;
+                self.line.retain(|_| {
+                    i += 1;
+                    i % 2 == 1
+                });
+            }
+        }
+        self.seen += 1;
+    }
+}
+
+/// A line that is only where it changes.
+fn push_change(line: &mut Line, t_s: f64, value: f64) {
+    if line.last().is_none_or(|(_, last)| last.to_bits() != value.to_bits()) {
+        line.push((t_s, value));
+    }
+}
+
+impl Course {
+    /// Reads what lies in `span`, s.
+    ///
+    /// # Errors
+    /// [`ReadError`].
+    pub fn read(path: &Path, span: Range<f64>) -> Result<Self, ReadError> {
+        let mut reader = Reader::open(path)?;
+        let mut builder = Builder::new(span);
+        let mut title = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        while let Some(entry) = reader.next_entry()? {
+            match entry {
+                Entry::Config(config) => {
+                    title = format!("{title}: {} at {} Hz", config.pace, config.rate_hz);
+                    builder.configure(config.rate_hz, &config.scenario_toml);
+                }
+                Entry::Policy(policy) if policy.seq == 0 => {
+                    title = format!("{title}, policy {}", policy.name);
+                }
+                Entry::Sample(sample) => builder.sample(&sample),
+                Entry::Command(command) => builder.command(&command),
+                Entry::State(state) => builder.state(&state),
+                Entry::Apex(apex) if builder.span.contains(&apex.t_s) => {
+                    builder.course.apexes.push(apex);
+                }
+                Entry::Event(event) if builder.span.contains(&event.t_s) => {
+                    builder.course.events.push(event);
+                }
+                _ => (),
+            }
+        }
+        let mut course = builder.finish();
+        course.title = title;
+        course.warning = reader.warning();
+        Ok(course)
+    }
+
+    /// Whether there is nothing to draw.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.height.len() < 2
+    }
+
+    /// The time that it covers, s.
+    #[must_use]
+    pub fn span(&self) -> Range<f64> {
+        let ends = |line: &Line| Some(line.first()?.0..line.last()?.0);
+        ends(&self.height).unwrap_or(0.0..1.0)
+    }
+}
+
+#[derive(Debug)]
+struct Builder {
+    span: Range<f64>,
+    rate_hz: f64,
+    max_elongation_m: f64,
+    /// Run and number of the last sample.
+    last: Option<(u32, u64)>,
+    /// Ticks of the runs before this one.
+    before: u64,
+    course: Course,
+    height: Thinned,
+    velocity: Thinned,
+    leg_angle: Thinned,
+    elongation: Thinned,
+}
+
+impl Builder {
+    fn new(span: Range<f64>) -> Self {
+        Self {
+            span,
+            rate_hz: 1000.0,
+            max_elongation_m: f64::INFINITY,
+            last: None,
+            before: 0,
+            course: Course::default(),
+            height: Thinned::default(),
+            velocity: Thinned::default(),
+            leg_angle: Thinned::default(),
+            elongation: Thinned::default(),
+        }
+    }
+
+    fn configure(&mut self, rate_hz: u32, scenario: &str) {
+        self.rate_hz = f64::from(rate_hz.max(1));
+        // Only for what the leg can follow of a ramp: without it, the ramp is drawn.
+        let settings = Settings::from_toml(scenario).ok();
+        if let Some(scenario) = settings.and_then(|s| Scenario::from_settings(&s).ok()) {
+            self.max_elongation_m = scenario.leg.parameters().max_elongation_m;
+        }
+    }
+
+    fn time_s(&self, seq: u64) -> f64 {
+        (self.before + seq) as f64 / self.rate_hz
+    }
+
+    /// The time of a tick, when it is to be drawn.
+    fn drawn(&self, seq: u64) -> Option<f64> {
+        Some(self.time_s(seq)).filter(|t_s| self.span.contains(t_s))
+    }
+
+    fn sample(&mut self, sample: &Sample) {
+        match self.last.replace((sample.epoch, sample.seq)) {
+            Some((epoch, last)) if epoch != sample.epoch => self.before += last + 1,
+            Some((_, last)) if sample.seq > last + 1 => {
+                let gap = self.time_s(last + 1)..self.time_s(sample.seq);
+                if self.span.contains(&gap.start) && self.span.contains(&gap.end) {
+                    self.course.gaps.push(gap);
+                }
+            }
+            _ => (),
+        }
+        self.course.end_s = self.time_s(sample.seq);
+        if let Some(t_s) = self.drawn(sample.seq) {
+            push_change(&mut self.course.set_point, t_s, sample.set_point_m_s.into());
+        }
+    }
+
+    fn command(&mut self, command: &Command) {
+        let Some(t_s) = self.drawn(command.tick) else { return };
+        let upright_rad = f64::from(command.leg_angle_rad) - std::f64::consts::FRAC_PI_2;
+        self.leg_angle.push(t_s, upright_rad.to_degrees());
+        // The ramp goes on from the tick that it answers.
+        let age_s = command.tick.saturating_sub(command.seq) as f64 / self.rate_hz;
+        let ramp_m =
+            f64::from(command.elongation_m) + f64::from(command.elongation_rate_m_s) * age_s;
+        self.elongation.push(t_s, 100.0 * ramp_m.clamp(0.0, self.max_elongation_m));
+        if command.flags & u32::from(flags::SAFE) != 0 {
+            let next_s = t_s + 1.0 / self.rate_hz;
+            match self.course.safe.last_mut() {
+                Some(stretch) if t_s - stretch.end < 0.5 / self.rate_hz => stretch.end = next_s,
+                _ => self.course.safe.push(t_s..next_s),
+            }
+        }
+    }
+
+    fn state(&mut self, state: &State) {
+        let Some(t_s) = self.drawn(state.seq) else { return };
+        self.height.push(t_s, state.y_m);
+        self.velocity.push(t_s, state.vx_m_s);
+        push_change(&mut self.course.density, t_s, state.density_ratio);
+    }
+
+    fn finish(self) -> Course {
+        let mut course = self.course;
+        course.height = self.height.line;
+        course.velocity = self.velocity.line;
+        course.leg_angle = self.leg_angle.line;
+        course.elongation = self.elongation.line;
+        // Levels are held up to the end.
+        let end_s = course.span().end;
+        for line in [&mut course.set_point, &mut course.density] {
+            if let Some(&(_, level)) = line.last() {
+                line.push((end_s, level));
+            }
+        }
+        course
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_is_thinned_evenly_and_keeps_its_beginning() {
+        let mut thinned = Thinned::default();
+        (0..1_000_000).for_each(|i| thinned.push(f64::from(i), 0.0));
+        let times: Vec<f64> = thinned.line.iter().map(|p| p.0).collect();
+        assert!((POINTS..2 * POINTS).contains(&times.len()), "{}", times.len());
+        assert!(times.windows(2).all(|w| w[1] - w[0] == times[1] - times[0]));
+        assert_eq!(times[0], 0.0);
+    }
+
+    #[test]
+    fn a_level_is_told_where_it_changes() {
+        let mut line = Line::new();
+        for (t, level) in [(0.0, 1.0), (1.0, 1.0), (2.0, 0.5), (3.0, 0.5)] {
+            push_change(&mut line, t, level);
+        }
+        assert_eq!(line, [(0.0, 1.0), (2.0, 0.5)]);
+    }
+}

@@ -1,0 +1,149 @@
+//! From what a tick left behind to the messages of a recording.
+
+use super::pipe::Frames;
+use super::schema::{Apex, Command, Event, EventKind, Loop, Phase, Policy, Sample, State};
+use super::tap::{Row, TickRow};
+use crate::plant;
+
+/// Turns rows into messages, in their order.
+#[derive(Debug)]
+pub(super) struct Translator {
+    /// Wall clock at simulated time 0, ns from 1970.
+    started_unix_ns: u64,
+    rate_hz: u32,
+    /// Simulated time of the runs before this one, when the leg was put back to
+    /// its start, s.
+    before_s: f64,
+    /// The tick of the events that come now.
+    tick: Option<TickRow>,
+    /// An apex that the controller has not answered yet.
+    open: Option<Apex>,
+}
+
+impl Translator {
+    pub(super) fn new(started_unix_ns: u64, rate_hz: u32) -> Self {
+        Self { started_unix_ns, rate_hz, before_s: 0.0, tick: None, open: None }
+    }
+
+    /// When something is said to have been recorded, ns from 1970.
+    fn log_time_ns(&self, t_s: f64) -> u64 {
+        self.started_unix_ns + (1e9 * t_s).round() as u64
+    }
+
+    fn tick_time_ns(&self, seq: u64) -> u64 {
+        self.log_time_ns(self.before_s + seq as f64 / f64::from(self.rate_hz.max(1)))
+    }
+
+    /// Adds what a row says.
+    pub(super) fn row(&mut self, row: &Row, frames: &mut Frames) {
+        match row {
+            Row::Tick(tick) => self.tick(tick, frames),
+            Row::Event(event) => self.event(event, frames),
+        }
+    }
+
+    fn tick(&mut self, tick: &TickRow, frames: &mut Frames) {
+        let TickRow { seq, body, sample, command, .. } = tick;
+        if let Some(last) = self.tick
+            && last.sample.header.epoch != sample.header.epoch
+        {
+            self.close_apex(false, &last.command, frames);
+            self.before_s += last.t_s + 1.0 / f64::from(self.rate_hz.max(1));
+        }
+        let time_ns = self.log_time_ns(self.before_s + tick.t_s);
+        let round_trip_ns = tick.round_trip.as_nanos() as u64;
+        frames.add(time_ns, &Sample::from(sample));
+        frames.add(time_ns, &Command::over(*seq, command, tick.is_new, round_trip_ns));
+        let (phase, foot_x_m, foot_y_m) = match tick.phase {
+            plant::Phase::Flight => (Phase::Flight, 0.0, 0.0),
+            plant::Phase::Stance { foot_x_m, foot_y_m } => (Phase::Stance, foot_x_m, foot_y_m),
+            plant::Phase::Fallen => (Phase::Fallen, 0.0, 0.0),
+        };
+        let plant::Body { x_m, vx_m_s, y_m, vy_m_s } = *body;
+        frames.add(
+            time_ns,
+            &State {
+                seq: *seq,
+                x_m,
+                vx_m_s,
+                y_m,
+                vy_m_s,
+                phase: phase.into(),
+                foot_x_m,
+                foot_y_m,
+                density_ratio: tick.density_ratio,
+            },
+        );
+        // The controller answers an apex in the tick after it.
+        if self.tick.is_some_and(|last| last.command.apexes != command.apexes) {
+            self.close_apex(true, command, frames);
+        }
+        self.tick = Some(*tick);
+    }
+
+    fn event(&mut self, event: &plant::Event, frames: &mut Frames) {
+        let Some(tick) = self.tick else { return };
+        let t_s = self.before_s + tick.t_s + event.t_s;
+        let plant::Body { x_m, vx_m_s, y_m, vy_m_s } = event.body;
+        let (kind, foot_x_m, foot_y_m) = match event.kind {
+            plant::EventKind::Touchdown { foot_x_m, foot_y_m } => {
+                (EventKind::Touchdown, foot_x_m, foot_y_m)
+            }
+            plant::EventKind::LiftOff => (EventKind::LiftOff, 0.0, 0.0),
+            plant::EventKind::Fall => (EventKind::Fall, 0.0, 0.0),
+            plant::EventKind::Apex => {
+                self.close_apex(false, &tick.command, frames);
+                self.open = Some(Apex {
+                    seq: tick.seq,
+                    t_s,
+                    x_m,
+                    y_m,
+                    vx_m_s,
+                    set_point_m_s: tick.sample.set_point_m_s.into(),
+                    density_ratio: tick.density_ratio,
+                    ..Apex::default()
+                });
+                return;
+            }
+        };
+        let kind = kind.into();
+        let event =
+            Event { seq: tick.seq, t_s, kind, x_m, vx_m_s, y_m, vy_m_s, foot_x_m, foot_y_m };
+        frames.add(self.log_time_ns(t_s), &event);
+    }
+
+    fn close_apex(
+        &mut self,
+        answered: bool,
+        command: &controller::wire::Command,
+        frames: &mut Frames,
+    ) {
+        if let Some(apex) = self.open.take() {
+            let apex = Apex {
+                answered,
+                density_estimate: command.density_ratio.into(),
+                seen_vx_m_s: command.apex_vx_m_s.into(),
+                velocity_offset_m_s: command.velocity_offset_m_s.into(),
+                ..apex
+            };
+            frames.add(self.log_time_ns(apex.t_s), &apex);
+        }
+    }
+
+    /// Adds a policy at the tick from which it acts.
+    pub(super) fn policy(&self, policy: &Policy, frames: &mut Frames) {
+        frames.add(self.tick_time_ns(policy.seq), policy);
+    }
+
+    /// Adds how a tick of the loop kept time.
+    pub(super) fn loop_row(&self, row: &Loop, frames: &mut Frames) {
+        frames.add(self.tick_time_ns(row.seq), row);
+    }
+
+    /// Adds what is still open. Returns the time of the last tick, ns from 1970.
+    pub(super) fn end(&mut self, frames: &mut Frames) -> u64 {
+        let Some(tick) = self.tick else { return self.started_unix_ns };
+        self.close_apex(false, &tick.command, frames);
+        self.log_time_ns(self.before_s + tick.t_s)
+    }
+}

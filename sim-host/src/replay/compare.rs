@@ -1,0 +1,141 @@
+//! Two commands, field by field.
+
+use controller::wire::{Command, Header};
+use serde::Serialize;
+
+/// A field in which two commands differ.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Difference {
+    /// Tick of the sample that both answer.
+    pub tick: u64,
+    /// The field's name on the wire.
+    pub field: &'static str,
+    /// Its value in the recording, and the bits of that.
+    pub recorded: Value,
+    /// Its value in the replay, and the bits of that.
+    pub replayed: Value,
+}
+
+/// The value of a field.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Value {
+    /// To be read.
+    pub value: String,
+    /// All of it, hexadecimal.
+    pub bits: String,
+}
+
+impl From<f32> for Value {
+    fn from(value: f32) -> Self {
+        Self { value: value.to_string(), bits: format!("{:08x}", value.to_bits()) }
+    }
+}
+
+impl From<u32> for Value {
+    fn from(value: u32) -> Self {
+        Self { value: value.to_string(), bits: format!("{value:08x}") }
+    }
+}
+
+impl From<u64> for Value {
+    fn from(value: u64) -> Self {
+        Self { value: value.to_string(), bits: format!("{value:016x}") }
+    }
+}
+
+/// The first field in which the bits differ.
+#[must_use]
+pub fn difference(recorded: &Command, replayed: &Command) -> Option<Difference> {
+    let tick = recorded.header.seq;
+    fields(recorded)
+        .into_iter()
+        .zip(fields(replayed))
+        .find(|((_, recorded), (_, replayed))| recorded.bits() != replayed.bits())
+        .map(|((field, recorded), (_, replayed))| Difference {
+            tick,
+            field,
+            recorded: recorded.value(),
+            replayed: replayed.value(),
+        })
+}
+
+#[derive(Clone, Copy)]
+enum Field {
+    F32(f32),
+    U32(u32),
+    U64(u64),
+}
+
+impl Field {
+    fn bits(self) -> u64 {
+        match self {
+            Self::F32(value) => value.to_bits().into(),
+            Self::U32(value) => value.into(),
+            Self::U64(value) => value,
+        }
+    }
+
+    fn value(self) -> Value {
+        match self {
+            Self::F32(value) => value.into(),
+            Self::U32(value) => value.into(),
+            Self::U64(value) => value.into(),
+        }
+    }
+}
+
+fn fields(command: &Command) -> [(&'static str, Field); 15] {
+    use Field::{F32, U32, U64};
+    // Taken apart, so that a field that is added is not forgotten here.
+    let Command {
+        header: Header { version, flags, epoch, seq, t_ns },
+        leg_angle_rad,
+        elongation_m,
+        elongation_rate_m_s,
+        apex_vx_m_s,
+        apex_y_m,
+        density_ratio,
+        velocity_offset_m_s,
+        apexes,
+        rejected,
+        reserved,
+    } = *command;
+    [
+        ("version", U32(version.into())),
+        ("flags", U32(flags.into())),
+        ("epoch", U32(epoch)),
+        ("seq", U64(seq)),
+        ("t_ns", U64(t_ns)),
+        ("leg_angle_rad", F32(leg_angle_rad)),
+        ("elongation_m", F32(elongation_m)),
+        ("elongation_rate_m_s", F32(elongation_rate_m_s)),
+        ("apex_vx_m_s", F32(apex_vx_m_s)),
+        ("apex_y_m", F32(apex_y_m)),
+        ("density_ratio", F32(density_ratio)),
+        ("velocity_offset_m_s", F32(velocity_offset_m_s)),
+        ("apexes", U32(apexes)),
+        ("rejected", U32(rejected)),
+        ("reserved", U32(reserved)),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_bit_is_a_difference_and_the_first_one_is_told() {
+        let command = Command { elongation_m: 0.25, ..Command::default() };
+        assert_eq!(difference(&command, &command), None);
+        let negative = Command { apex_y_m: -0.0, ..command };
+        let found = difference(&command, &negative).unwrap();
+        assert_eq!((found.field, &*found.replayed.bits), ("apex_y_m", "80000000"));
+        let next = f32::from_bits(0.25_f32.to_bits() + 1);
+        let both = Command { elongation_m: next, apexes: 1, ..negative };
+        let found = difference(&command, &both).unwrap();
+        assert_eq!(found.field, "elongation_m");
+        assert_eq!((&*found.recorded.bits, &*found.replayed.bits), ("3e800000", "3e800001"));
+        let nan = Command { elongation_m: f32::from_bits(0x7fc0_0001), ..command };
+        assert_eq!(difference(&nan, &nan), None, "the same bits, also of what is no number");
+    }
+}

@@ -1,0 +1,207 @@
+//! The leg by a clock that does what it is told.
+
+use std::cell::Cell;
+
+use controller::host::memory::Inline;
+use controller::host::realtime::{Clock, Counters, Grid, Log, drive};
+use controller::host::{Link, Role};
+use controller::wire::{Command, Sample, flags};
+
+use super::*;
+use crate::scenario::Settings;
+use crate::session::TickRecord;
+use crate::session::lock_step;
+
+/// A clock that wakes on time, but for one wait that ends too late.
+struct Told {
+    now_ns: Cell<u64>,
+    late: Cell<Option<(u64, u64)>>,
+}
+
+impl Told {
+    fn punctual() -> Self {
+        Self { now_ns: Cell::new(250_000), late: Cell::new(None) }
+    }
+
+    /// Once, after `at_ns`, it wakes late by `by_ns`.
+    fn late(at_ns: u64, by_ns: u64) -> Self {
+        Self { late: Cell::new(Some((at_ns, by_ns))), ..Self::punctual() }
+    }
+}
+
+impl Clock for Told {
+    fn now_ns(&self) -> u64 {
+        self.now_ns.get()
+    }
+
+    fn wait_until_ns(&self, instant_ns: u64) {
+        let late_ns = match self.late.get() {
+            Some((at_ns, by_ns)) if instant_ns >= at_ns => {
+                self.late.set(None);
+                by_ns
+            }
+            _ => 0,
+        };
+        self.now_ns.set(instant_ns + late_ns);
+    }
+
+    fn own_ns(&self) -> u64 {
+        0
+    }
+}
+
+fn law(sample: &Sample) -> Command {
+    Command {
+        header: sample.header,
+        leg_angle_rad: std::f32::consts::FRAC_PI_2 + 0.1 * sample.vx_m_s,
+        elongation_m: 0.001 * sample.y_m,
+        ..Command::default()
+    }
+}
+
+fn scenario(text: &str) -> Scenario {
+    Scenario::from_settings(&Settings::from_toml(text).unwrap()).unwrap()
+}
+
+/// Plays to the end of the run.
+fn play(
+    scenario: &Scenario,
+    clock: &Told,
+    on_fall: OnFall,
+    law: impl FnMut(&Sample) -> Command,
+    hooks: &mut impl Hooks,
+) -> (Outcome, Counters) {
+    let mut link = Inline::new(law);
+    let mut task = LegTask::new(scenario, &mut link, Options { epoch: 1, on_fall }, hooks);
+    let (mut log, _rows) = Log::new(scenario.rate_hz);
+    let grid = Grid::of(Role::Leg, scenario.rate_hz);
+    drive(clock, grid, &mut task, &mut log, &Stop::default()).unwrap();
+    let (leg, ending) = task.finish();
+    (leg.outcome(ending.unwrap(), 1.0, RoundTrips::default()), log.counters())
+}
+
+#[test]
+fn with_every_command_in_time_it_is_the_run_in_lock_step() {
+    let short = scenario("duration_s = 5.0\n[start]\nvx_m_s = 0.3");
+    let lock_step =
+        lock_step::run(&short, &mut Inline::new(law), lock_step::Options::default(), |_| ());
+    let (outcome, c) = play(&short, &Told::punctual(), OnFall::End, law, &mut ());
+    assert_eq!(outcome.state_hash, lock_step.unwrap().state_hash);
+    assert_eq!((outcome.ticks, outcome.ending), (5000, Ending::Duration));
+    assert_eq!((c.heard, c.stale, c.missed, c.idle), (5000, 0, 0, 1));
+}
+
+/// Remembers what goes out.
+struct Counting<L> {
+    inner: L,
+    sent: Vec<u64>,
+}
+
+impl<L: Link<Sends = Sample, Receives = Command>> Link for Counting<L> {
+    type Sends = Sample;
+    type Receives = Command;
+
+    fn send(&mut self, sample: &Sample) -> Result<(), LinkError> {
+        self.sent.push(sample.header.seq);
+        self.inner.send(sample)
+    }
+
+    fn receive(&mut self, timeout: Duration) -> Result<Option<Command>, LinkError> {
+        self.inner.receive(timeout)
+    }
+}
+
+#[test]
+fn what_is_slept_through_is_played_at_once_under_the_command_in_force() {
+    #[derive(Default)]
+    struct Seen(Vec<(u64, u64, bool)>);
+    impl Hooks for Seen {
+        fn observe(&mut self, tick: &TickRecord<'_>) {
+            self.0.push((tick.seq, tick.command.header.seq, tick.is_new));
+        }
+    }
+    let short = scenario("duration_s = 0.02");
+    let clock = Told::late(8_000_000, 3_400_000);
+    let mut link = Counting { inner: Inline::new(law), sent: Vec::new() };
+    let mut seen = Seen::default();
+    let mut task = LegTask::new(&short, &mut link, Options::default(), &mut seen);
+    let (mut log, _rows) = Log::new(1000);
+    drive(&clock, Grid::of(Role::Leg, 1000), &mut task, &mut log, &Stop::default()).unwrap();
+    let (leg, _) = task.finish();
+    assert_eq!(leg.ticks(), 20, "time does not wait");
+    let c = log.counters();
+    assert_eq!((c.ticks, c.missed, c.stale), (21, 3, 0));
+    // The first sample at 1.25 ms, so the seventh tick is due at 8.25 ms, and played at 11.65 ms.
+    assert_eq!(
+        &seen.0[5..11],
+        [(5, 5, true), (6, 6, true), (7, 6, false), (8, 6, false), (9, 6, false), (10, 10, true),]
+    );
+    assert_eq!(&link.sent[6..8], [6, 10], "only the newest sample is sent");
+}
+
+#[test]
+fn a_silent_controller_leaves_the_leg_safe_after_ten_ticks() {
+    /// Stops listening to its controller's answers for a while.
+    struct Deaf<L>(L, std::ops::Range<u64>, u64);
+    impl<L: Link<Sends = Sample, Receives = Command>> Link for Deaf<L> {
+        type Sends = Sample;
+        type Receives = Command;
+
+        fn send(&mut self, sample: &Sample) -> Result<(), LinkError> {
+            self.2 = sample.header.seq;
+            self.0.send(sample)
+        }
+
+        fn receive(&mut self, timeout: Duration) -> Result<Option<Command>, LinkError> {
+            let command = self.0.receive(timeout)?;
+            Ok(command.filter(|_| !self.1.contains(&self.2)))
+        }
+    }
+    let short = scenario("duration_s = 0.2");
+    let mut link = Deaf(Inline::new(law), 50..100, 0);
+    let mut hooks = ();
+    let mut task = LegTask::new(&short, &mut link, Options::default(), &mut hooks);
+    let (mut log, _rows) = Log::new(1000);
+    let grid = Grid::of(Role::Leg, 1000);
+    drive(&Told::punctual(), grid, &mut task, &mut log, &Stop::default()).unwrap();
+    let (leg, ending) = task.finish();
+    let outcome = leg.outcome(ending.unwrap(), 1.0, RoundTrips::default());
+    assert_eq!((log.counters().stale, log.counters().safe), (50, 41));
+    assert_eq!((outcome.silences, outcome.safe_ticks, outcome.ticks), (1, 41, 200));
+}
+
+#[test]
+fn a_leg_that_falls_is_put_back_to_its_start_when_asked_to() {
+    let mut epochs = Vec::new();
+    let lying = |sample: &Sample| {
+        if sample.header.flags & flags::END == 0 && epochs.last() != Some(&sample.header.epoch) {
+            epochs.push(sample.header.epoch);
+        }
+        Command { leg_angle_rad: 0.0, ..law(sample) }
+    };
+    let long = scenario("duration_s = 5.0");
+    let (outcome, c) = play(&long, &Told::punctual(), OnFall::Restart, lying, &mut ());
+    assert_eq!((outcome.ending, outcome.ticks), (Ending::Duration, 5000));
+    assert!(outcome.restarts >= 3, "{}", outcome.restarts);
+    assert_eq!(outcome.report().falls, outcome.restarts);
+    assert_eq!(epochs, (1..=outcome.restarts + 1).collect::<Vec<_>>());
+    assert_eq!(c.heard + c.stale + c.idle, c.ticks);
+
+    let lying = |sample: &Sample| Command { leg_angle_rad: 0.0, ..law(sample) };
+    let (outcome, _) = play(&long, &Told::punctual(), OnFall::End, lying, &mut ());
+    assert_eq!((outcome.ending, outcome.report().falls), (Ending::Fall, 1));
+}
+
+#[test]
+fn a_leg_is_held_until_it_is_commanded_but_not_for_ever() {
+    // A controller that answers only another run's samples.
+    let foreign = |sample: &Sample| {
+        let mut command = law(sample);
+        command.header.epoch += 1;
+        command
+    };
+    let short = scenario("duration_s = 0.5");
+    let (outcome, c) = play(&short, &Told::punctual(), OnFall::End, foreign, &mut ());
+    assert_eq!((outcome.ticks, c.idle, c.stale), (500, 1000, 500));
+    assert_eq!((outcome.safe_ticks, c.safe), (500, 500));
+}

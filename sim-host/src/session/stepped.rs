@@ -1,0 +1,29 @@
+//! Leg and controller stepped in turn, in one thread.
+
+use controller::host::faults::Stepped;
+use controller::wire::{Command, Sample};
+
+use super::hooks::Observe;
+use super::leg::TickRecord;
+use super::lock_step::{self, Options, SessionError};
+use super::outcome::Outcome;
+use crate::faults::add_counts;
+use crate::scenario::Scenario;
+
+/// Plays `scenario` to `law`, which is called once a tick, with what the
+/// scenario's faults leave of its sample or with `None`. Without faults on the
+/// link the run is, bit for bit, that of any lock-step session.
+///
+/// # Errors
+/// None in practice: nothing here can be gone or silent.
+pub fn run(
+    scenario: &Scenario,
+    law: impl FnMut(Option<&Sample>) -> Command,
+    options: Options,
+    observe: impl FnMut(&TickRecord),
+) -> Result<Outcome, SessionError> {
+    let mut link = Stepped::new(law, scenario.faults.plan());
+    let mut outcome = lock_step::run_on(scenario, &mut link, options, &mut Observe(observe))?;
+    add_counts(&mut outcome.faults, link.plan());
+    Ok(outcome)
+}

@@ -1,0 +1,281 @@
+//! The picture of a scene.
+
+use controller::host::Pace;
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::{Color, Style, Stylize as _};
+use ratatui::symbols::Marker;
+use ratatui::text::{Line, Span};
+use ratatui::widgets::canvas::{Canvas, Circle, Context, Line as Stroke, Points};
+use ratatui::widgets::{Axis, Block, Chart, Dataset, Gauge, GraphType, Paragraph, Sparkline};
+
+use controller::wire::flags;
+
+use super::keys::HELP;
+use super::scene::Scene;
+
+const LEG: Color = Color::Rgb(240, 240, 240);
+const PUSH: Color = Color::Rgb(90, 220, 170);
+const BODY: Color = Color::Rgb(255, 176, 80);
+const TRAIL: Color = Color::Rgb(130, 130, 150);
+const GROUND: Color = Color::Rgb(196, 178, 142);
+const ASKED: Color = Color::Rgb(240, 130, 60);
+const ALARM: Color = Color::Rgb(255, 90, 90);
+/// Radius of the mass as drawn, m.
+const RADIUS_M: f64 = 0.11;
+/// Lowest and highest height in the picture, m.
+const HEIGHT_M: [f64; 2] = [-0.25, 3.0];
+
+/// Draws `scene` over the whole frame.
+pub fn draw(frame: &mut Frame<'_>, scene: &Scene) {
+    let [head, body, foot] =
+        Layout::vertical([Constraint::Length(1), Constraint::Min(8), Constraint::Length(1)])
+            .areas(frame.area());
+    let [left, right] =
+        Layout::horizontal([Constraint::Min(30), Constraint::Length(38)]).areas(body);
+    let [stage, chart] =
+        Layout::vertical([Constraint::Percentage(62), Constraint::Min(6)]).areas(left);
+    frame.render_widget(headline(scene), head);
+    draw_stage(frame, stage, scene);
+    draw_hops(frame, chart, scene);
+    draw_figures(frame, right, scene);
+    let line =
+        scene.said().map_or_else(|| Line::from(HELP).dim(), |said| Line::from(said).fg(ALARM));
+    frame.render_widget(line, foot);
+}
+
+fn headline(scene: &Scene) -> Line<'_> {
+    let mut spans = vec![Span::from(" sim-host watch ").bold().reversed(), Span::from(" ")];
+    spans.push(Span::from(format!("domain {}  ", scene.domain)));
+    let player = |there: bool, name: &'static str| {
+        if there {
+            Span::from(format!("{name} ✔  "))
+        } else {
+            Span::from(format!("{name} ✘  ")).fg(ALARM)
+        }
+    };
+    spans.push(player(scene.players.leg, "leg"));
+    spans.push(player(scene.players.controller, "controller"));
+    if let Some(leg) = &scene.leg {
+        spans.push(Span::from(leg.pace.to_string()));
+        if let Some(speed) = scene.speed.filter(|_| leg.pace == Pace::LockStep) {
+            spans.push(Span::from(format!(", {speed:.1} times real time")));
+        }
+        if leg.is_paused {
+            spans.push(Span::from("  PAUSED").fg(ASKED).bold());
+        }
+    }
+    if is_safe(scene) {
+        spans.push(Span::from("  SAFE STATE").fg(ALARM).bold());
+    }
+    Line::from(spans)
+}
+
+fn is_safe(scene: &Scene) -> bool {
+    scene.command.is_some_and(|command| command.header.flags & flags::SAFE != 0)
+}
+
+/// The colour of the medium: black air, blue water.
+fn medium(density_ratio: f64) -> Color {
+    let part = density_ratio.clamp(0.0, 1.0);
+    let shade = |full: f64| (part * full).round() as u8;
+    Color::Rgb(shade(8.0), shade(52.0), shade(104.0))
+}
+
+fn draw_stage(frame: &mut Frame<'_>, area: Rect, scene: &Scene) {
+    let block = Block::bordered().title(match scene.density_ratio() {
+        None => " nobody is hopping here yet ".to_owned(),
+        Some(density) => format!(" x {:.2} m, density {density:.3} ", scene.x_m),
+    });
+    // A metre is as long up as along: a cell is about twice as high as wide.
+    let [low, high] = HEIGHT_M;
+    let inner = block.inner(area);
+    let m_per_row = (high - low) / f64::from(inner.height.max(1));
+    let half_m = 0.25 * m_per_row * f64::from(inner.width);
+    let canvas = Canvas::default()
+        .block(block)
+        .background_color(medium(scene.density_ratio().unwrap_or(0.0)))
+        .marker(Marker::Braille)
+        .x_bounds([scene.x_m - half_m, scene.x_m + half_m])
+        .y_bounds(HEIGHT_M)
+        .paint(|context| paint(context, scene, half_m));
+    frame.render_widget(canvas, area);
+}
+
+fn paint(context: &mut Context<'_>, scene: &Scene, half_m: f64) {
+    let (from_m, to_m) = (scene.x_m - half_m, scene.x_m + half_m);
+    context.draw(&Stroke { x1: from_m, y1: 0.0, x2: to_m, y2: 0.0, color: GROUND });
+    let mut metre = from_m.ceil();
+    while metre <= to_m {
+        context.draw(&Stroke { x1: metre, y1: 0.0, x2: metre, y2: -0.12, color: GROUND });
+        context.print(metre, HEIGHT_M[0], Line::from(format!("{metre:.0}")).fg(GROUND));
+        metre += 1.0;
+    }
+    let trail: Vec<(f64, f64)> = scene.trail.iter().map(|&(_, x, y)| (x, y)).collect();
+    context.draw(&Points { coords: &trail, color: TRAIL });
+    let Some([foot, mass]) = scene.leg() else { return };
+    context.layer();
+    let pushes = scene.command.is_some_and(|command| command.elongation_m > 0.0);
+    let color = if pushes { PUSH } else { LEG };
+    context.draw(&Stroke { x1: foot.0, y1: foot.1, x2: mass.0, y2: mass.1, color });
+    for ring in 1..=4 {
+        let radius = RADIUS_M * f64::from(ring) / 4.0;
+        context.draw(&Circle { x: mass.0, y: mass.1, radius, color: BODY });
+    }
+}
+
+fn draw_hops(frame: &mut Frame<'_>, area: Rect, scene: &Scene) {
+    let seen: Vec<(f64, f64)> =
+        scene.hops.iter().map(|hop| (f64::from(hop.number), hop.vx_m_s)).collect();
+    let asked: Vec<(f64, f64)> =
+        scene.hops.iter().map(|hop| (f64::from(hop.number), hop.set_point_m_s)).collect();
+    let values = || seen.iter().chain(&asked).map(|point| point.1).filter(|v| v.is_finite());
+    let low = values().fold(0.0, f64::min) - 0.1;
+    let high = values().fold(0.4, f64::max) + 0.1;
+    let first = seen.first().map_or(0.0, |point| point.0);
+    let last = seen.last().map_or(1.0, |point| point.0).max(first + 1.0);
+    let label = |value: f64| format!("{value:.1}");
+    let chart = Chart::new(vec![
+        Dataset::default()
+            .name("asked")
+            .marker(Marker::Braille)
+            .graph_type(GraphType::Line)
+            .style(Style::new().fg(ASKED))
+            .data(&asked),
+        Dataset::default()
+            .name("apex")
+            .marker(Marker::Dot)
+            .graph_type(GraphType::Scatter)
+            .style(Style::new().fg(BODY))
+            .data(&seen),
+    ])
+    .block(Block::bordered().title(" velocity at each apex, m/s "))
+    .x_axis(
+        Axis::default().bounds([first, last]).labels([format!("{first:.0}"), format!("{last:.0}")]),
+    )
+    .y_axis(Axis::default().bounds([low, high]).labels([
+        label(low),
+        label(0.5 * (low + high)),
+        label(high),
+    ]));
+    frame.render_widget(chart, area);
+}
+
+fn draw_figures(frame: &mut Frame<'_>, area: Rect, scene: &Scene) {
+    let [density, leg, controller, times] = Layout::vertical([
+        Constraint::Length(3),
+        Constraint::Length(10),
+        Constraint::Min(7),
+        Constraint::Length(6),
+    ])
+    .areas(area);
+    let estimate = scene.command.map_or(0.0, |command| f64::from(command.density_ratio));
+    let gauge = Gauge::default()
+        .block(Block::bordered().title(" density as estimated "))
+        .gauge_style(Style::new().fg(Color::Rgb(60, 130, 210)))
+        .ratio(if estimate.is_finite() { estimate.clamp(0.0, 1.0) } else { 0.0 })
+        .label(format!("{estimate:.3}"));
+    frame.render_widget(gauge, density);
+    frame.render_widget(
+        Paragraph::new(leg_lines(scene)).block(Block::bordered().title(" leg ")),
+        leg,
+    );
+    frame.render_widget(
+        Paragraph::new(controller_lines(scene)).block(Block::bordered().title(" controller ")),
+        controller,
+    );
+    draw_times(frame, times, scene);
+}
+
+/// A name, and its figure right of it.
+fn row(name: &'static str, figure: String) -> Line<'static> {
+    Line::from(vec![Span::from(format!("{name:<15}")).dim(), Span::from(figure)])
+}
+
+/// The same, in alarm when there is something to count.
+fn count(name: &'static str, count: u64) -> Line<'static> {
+    let line = row(name, count.to_string());
+    if count > 0 { line.fg(ALARM) } else { line }
+}
+
+fn leg_lines(scene: &Scene) -> Vec<Line<'static>> {
+    let mut lines = Vec::new();
+    if let Some(sample) = &scene.sample {
+        let t_s = 1e-9 * sample.header.t_ns as f64;
+        lines.push(row("time", format!("{t_s:.2} s, tick {}", sample.header.seq)));
+        lines.push(row("height", format!("{:.2} m", sample.y_m)));
+        lines.push(row("velocity", format!("{:+.2} {:+.2} m/s", sample.vx_m_s, sample.vy_m_s)));
+        let by_hand = scene.leg.as_ref().is_some_and(|leg| leg.ordered_m_s.is_some());
+        let by = if by_hand { ", by hand" } else { "" };
+        lines.push(row("set-point", format!("{:+.2} m/s{by}", sample.set_point_m_s)));
+    }
+    if let Some(leg) = &scene.leg {
+        lines.push(row("hops", leg.hops.to_string()));
+        lines.push(count("falls", leg.falls));
+        lines.push(row("safe ticks", leg.safe_ticks.to_string()));
+        lines.push(count("without command", leg.held_ticks));
+    } else if scene.sample.is_some() {
+        lines.push(Line::from("(its desk does not answer)").dim());
+    }
+    lines
+}
+
+fn controller_lines(scene: &Scene) -> Vec<Line<'static>> {
+    let Some(status) = &scene.controller else {
+        let rejected = scene.command.map_or(0, |command| command.rejected);
+        return vec![
+            Line::from("(its desk does not answer)").dim(),
+            count("rejected", rejected.into()),
+        ];
+    };
+    let rejected = &status.rejected;
+    let mut lines = vec![
+        row("policy", status.policy.name.clone()),
+        row("checksum", status.policy.crc32.to_string()),
+        row("swaps", status.swaps.to_string()),
+    ];
+    if let Some(pending) = &status.pending {
+        lines.push(row("at next apex", pending.name.clone()).fg(ASKED));
+    }
+    lines.extend([
+        count("rejected", rejected.ticks.into()),
+        count("missing", rejected.missing.into()),
+        count("stale", rejected.stale.into()),
+        count("safe entered", rejected.safe_entered.into()),
+        count("peer lost", status.peer.lost),
+    ]);
+    lines
+}
+
+/// How long commands took, as bars, each twice as wide as the one before.
+fn draw_times(frame: &mut Frame<'_>, area: Rect, scene: &Scene) {
+    let block = Block::bordered();
+    let Some(leg) = &scene.leg else {
+        frame.render_widget(block.title(" round trips "), area);
+        return;
+    };
+    let of = |quantile: f64| upper_end_us(&leg.round_trips, quantile);
+    let title = match (of(0.5), of(0.99)) {
+        (Some(half), Some(most)) => format!(" round trips: p50 < {half} us, p99 < {most} us "),
+        _ => " round trips ".to_owned(),
+    };
+    // Roots, so that rare ones show.
+    let data: Vec<u64> =
+        leg.round_trips.iter().map(|n| (100.0 * f64::from(*n).powf(0.25)) as u64).collect();
+    let wide: Vec<u64> = data.iter().flat_map(|n| [*n, 0]).collect();
+    let bars = if usize::from(area.width) >= wide.len() + 2 { &wide } else { &data };
+    frame.render_widget(Sparkline::default().block(block.title(title)).data(bars).fg(PUSH), area);
+}
+
+/// The upper end of the bar in which a quantile lies, us.
+fn upper_end_us(bars: &[u32], quantile: f64) -> Option<f64> {
+    let all: u64 = bars.iter().map(|n| u64::from(*n)).sum();
+    let mut left = (quantile * all as f64).ceil() as u64;
+    bars.iter().enumerate().find_map(|(i, n)| {
+        left = left.saturating_sub((*n).into());
+        (all > 0 && left == 0).then(|| 0.25 * f64::exp2(i as f64))
+    })
+}
+
+#[cfg(test)]
+mod tests;

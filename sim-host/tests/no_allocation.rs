@@ -1,0 +1,162 @@
+//! The loops in real time allocate nothing once they are warm, neither the
+//! leg's nor the controller's.
+//!
+//! iceoryx2 0.10 does: each loan of a message takes one block of 48 bytes,
+//! which is given back in the same call. The C library serves it from the
+//! thread's own cache, without a lock or a system call. It is held to that.
+//!
+//! The crate that counts replaces the allocator of this program, and counts a
+//! thread's own allocations.
+
+use std::sync::Barrier;
+use std::thread;
+use std::time::Duration;
+
+use allocation_counter::{AllocationInfo, measure};
+use controller::control::{Config, Controller};
+use controller::host::blob::PolicyBlob;
+use controller::host::realtime::{
+    ControllerTask, Counters, Ends, Grid, Law, Log, Monotonic, Plain, Task, clock::SPIN, drive,
+};
+use controller::host::shm::{ShmController, ShmLeg};
+use controller::host::{ControllerLink, Domain, LegLink, Pace, Role, Stop, memory};
+use controller::wire::{Command, Sample};
+use sim_host::scenario::{Scenario, Settings};
+use sim_host::session::real_time::{LegTask, Options};
+use sim_host::session::{Ending, Hooks, Leg, TickRecord};
+
+const RATE_HZ: u32 = 1000;
+/// Ticks after which nothing should be new to a loop any more.
+const WARM: u64 = 200;
+
+/// Raises its flag when the loop is warm, and allocates at ticks, if it is told to.
+#[derive(Default)]
+struct Warm {
+    stop: Stop,
+    ticks: u64,
+    wasteful: bool,
+}
+
+impl Warm {
+    fn tick(&mut self) {
+        self.ticks += 1;
+        if self.ticks == WARM {
+            self.stop.raise();
+        }
+        if self.wasteful {
+            std::hint::black_box(Box::new(self.ticks));
+        }
+    }
+}
+
+impl Hooks for Warm {
+    fn steer(&mut self, _leg: &mut Leg<'_>) {
+        self.tick();
+    }
+
+    fn observe(&mut self, tick: &TickRecord<'_>) {
+        std::hint::black_box(tick);
+    }
+}
+
+struct WarmLaw<'a>(Warm, Plain<'a>);
+
+impl Law for WarmLaw<'_> {
+    fn tick(&mut self, sample: Option<&Sample>) -> Command {
+        self.0.tick();
+        self.1.tick(sample)
+    }
+
+    fn rest(&mut self) {}
+}
+
+/// Drives a task until it is warm, and then to its end. Gives what the second
+/// part has allocated, and all counts.
+fn measured<T: Task>(task: &mut T, role: Role, warm: &Stop) -> (AllocationInfo, Counters)
+where
+    T::Error: std::fmt::Debug,
+{
+    let grid = Grid::of(role, RATE_HZ);
+    let clock = Monotonic::new(SPIN, grid.tick_ns());
+    let (mut log, _rows) = Log::new(RATE_HZ);
+    drive(&clock, grid, task, &mut log, warm).expect("a link");
+    assert!(warm.is_raised(), "it was over before it was warm");
+    let before = log.counters();
+    let never = Stop::default();
+    let info = measure(|| drive(&clock, grid, task, &mut log, &never).expect("a link"));
+    assert!(log.counters().heard > before.heard + 500, "{:?}", log.counters());
+    (info, log.counters())
+}
+
+/// Both loops, each in its thread, over a link of which each end is made there.
+fn play<L: LegLink, C: ControllerLink>(
+    leg_end: impl FnOnce() -> L,
+    controllers_end: impl FnOnce() -> C + Send,
+    wasteful: bool,
+) -> [AllocationInfo; 2] {
+    let scenario = Settings::from_toml("duration_s = 2.0\nset_point_m_s = 0.5").expect("TOML");
+    let scenario = Scenario::from_settings(&scenario).expect("a scenario");
+    let blob = PolicyBlob::load(None).expect("the shipped policy");
+    let policy = blob.policy().expect("the shipped policy");
+    let connected = Barrier::new(2);
+    thread::scope(|scope| {
+        let controlling = scope.spawn(|| {
+            let end = controllers_end();
+            connected.wait();
+            let config = Config::at_rate(RATE_HZ).expect("a rate");
+            let warm = Warm { wasteful, ..Warm::default() };
+            let stop = warm.stop.clone();
+            let plain = Plain { controller: Controller::new(policy, config), config };
+            let law = WarmLaw(warm, plain);
+            let mut task = ControllerTask::new(end, law, RATE_HZ, Ends::AtFarewell);
+            let (info, _) = measured(&mut task, Role::Controller, &stop);
+            assert!(task.last_command().apexes > 0, "the actor has acted");
+            info
+        });
+        let mut link = leg_end();
+        connected.wait();
+        let mut warm = Warm { wasteful, ..Warm::default() };
+        let stop = warm.stop.clone();
+        let mut task = LegTask::new(&scenario, &mut link, Options::default(), &mut warm);
+        let (info, counters) = measured(&mut task, Role::Leg, &stop);
+        let (leg, ending) = task.finish();
+        assert_eq!((ending, leg.ticks()), (Some(Ending::Duration), 2000), "{counters:?}");
+        [info, controlling.join().expect("the controller's loop")]
+    })
+}
+
+#[test]
+fn in_memory_a_warm_loop_allocates_nothing() {
+    let (leg, controller) = memory::pair();
+    let [leg, controller] = play(|| leg, || controller, false);
+    assert_eq!((leg.count_total, controller.count_total), (0, 0));
+}
+
+#[test]
+fn what_a_loop_allocates_is_counted() {
+    let (leg, controller) = memory::pair();
+    let [leg, controller] = play(|| leg, || controller, true);
+    assert!(leg.count_total > 500, "{leg:?}");
+    assert!(controller.count_total > 500, "{controller:?}");
+}
+
+#[test]
+fn over_shared_memory_only_the_loan_of_a_message_allocates_and_gives_back() {
+    const LONG: Duration = Duration::from_secs(20);
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let base = dir.path().join("base");
+    let join = || Domain::join_in(&base, "warm").expect("a domain");
+    let terms = controller::host::Terms::at(RATE_HZ).with_pace(Pace::RealTime);
+    let [leg, controller] = play(
+        || ShmLeg::connect(&join(), terms, LONG, &Stop::default()).expect("a controller"),
+        || ShmController::connect(&join(), terms, LONG, &Stop::default()).expect("a leg"),
+        false,
+    );
+    for info in [leg, controller] {
+        // Ticks of the second part: 2000 - WARM, or a few more that were idle.
+        assert!(info.count_total <= 2100 - WARM, "more than one a tick: {info:?}");
+        assert_eq!((info.count_max, info.count_current, info.bytes_current), (1, 0, 0), "{info:?}");
+        assert!(info.bytes_max <= 64, "{info:?}");
+    }
+    assert!(!base.exists(), "nothing is left of the domain");
+}

@@ -1,0 +1,82 @@
+//! Faults between two real processes.
+
+use super::place::Place;
+
+const SHORT: [&str; 4] = ["--duration", "5", "--start-vx", "0.2"];
+
+fn with(seed: &'static str, faults: &[&'static str]) -> Vec<&'static str> {
+    let mut arguments = vec!["--spawn", "--seed", seed];
+    arguments.extend(SHORT);
+    for fault in faults {
+        arguments.extend(["--fault", fault]);
+    }
+    arguments
+}
+
+#[test]
+fn faults_over_shared_memory_are_the_same_again_by_the_same_seed() {
+    let place = Place::new();
+    let storm = ["drop=0.1", "jitter=2", "corrupt=0.01", "noise=0.01", "freeze=3,chance=0.01"];
+    let one = place.alone(&with("4", &storm)).end();
+    let again = place.alone(&with("4", &storm)).end();
+    let other = place.alone(&with("5", &storm)).end();
+    assert_eq!(one.state_hash(), again.state_hash(), "{}", one.err);
+    assert_ne!(one.state_hash(), other.state_hash());
+    for fault in storm {
+        assert!(one.out.contains(&format!("fault {fault}: ")), "{}", one.out);
+    }
+    assert!(!one.out.contains("never fired"), "{}", one.out);
+
+    // What loses nothing of a tick is the same in one process as in two.
+    let late = ["delay=2,direction=commands", "lag=0.01", "ground=rough", "mass=1.1"];
+    let apart = place.alone(&with("4", &late)).end();
+    let mut within = with("4", &late);
+    within[0] = "--in-process";
+    assert_eq!(apart.assert_ok().state_hash(), place.alone(&within).end().assert_ok().state_hash());
+    place.assert_clean();
+}
+
+#[test]
+fn a_fault_that_never_fired_is_said_and_changes_nothing() {
+    let place = Place::new();
+    let plain = place.alone(&with("0", &[])).end();
+    let never = place.alone(&with("0", &["drop=1,from=9"])).end();
+    assert_eq!(plain.assert_ok().state_hash(), never.assert_ok().state_hash());
+    assert!(never.out.contains("fault drop=1,from=9: never fired"), "{}", never.out);
+    let json = place.alone(&[with("0", &["drop=0.5"]), vec!["--json"]].concat()).end();
+    let report: serde_json::Value = serde_json::from_str(&json.out).expect("JSON");
+    assert_eq!(report["faults"][0]["fault"], "drop=0.5");
+    assert!(report["faults"][0]["touched"].as_u64() > Some(1000), "{report}");
+    place.assert_clean();
+}
+
+#[test]
+fn faults_that_cannot_be_are_refused_and_help_lists_them() {
+    let place = Place::new();
+    place.simulator(&["--fault", "drp=1"]).end().assert(2, &["`drp` is not a fault", "reorder"]);
+    place.simulator(&["--fault", "drop=7"]).end().assert(2, &["drop is 7", "from 0 to 1"]);
+    let help = place.simulator(&["--fault", "help"]).end();
+    assert!(help.assert_ok().out.contains("saturate"), "{}", help.out);
+    assert_eq!(place.start("faults", &[]).end().assert_ok().out, help.out);
+}
+
+#[test]
+fn a_small_sweep_has_the_same_bits_by_one_thread_and_by_two() {
+    let place = Place::new();
+    let sweep = |jobs: &str, folder: &str| {
+        let out = place.file(folder);
+        let out = super::text(&out);
+        let call = ["--runs", "1", "--media", "land", "--jobs", jobs, "--out", out, "--json"];
+        let run = place.start("robustness", &call).end();
+        let [svg, csv] = ["svg", "csv"].map(|kind| {
+            std::fs::read_to_string(place.file(folder).join(format!("robustness.{kind}"))).unwrap()
+        });
+        (run.assert_ok().out.clone(), svg, csv)
+    };
+    let (one, two) = (sweep("1", "one"), sweep("2", "two"));
+    assert_eq!(one, two);
+    let report: serde_json::Value = serde_json::from_str(&one.0).expect("JSON");
+    assert_eq!(report["rows"].as_array().map(Vec::len), Some(42));
+    place.start("robustness", &["--runs", "0"]).end().assert(2, &["--runs is 0", "from 1"]);
+    place.start("robustness", &["--jobs", "0"]).end().assert(2, &["--jobs is 0", "from 1"]);
+}

@@ -1,0 +1,121 @@
+//! Two processes that tick by the clock. What is checked is how things stand,
+//! never how long they took: the machine may be busy.
+
+use serde_json::Value;
+
+use crate::place::{Place, text};
+
+fn json(text: &str) -> Value {
+    serde_json::from_str(text.trim()).unwrap_or_else(|cause| panic!("{cause}: {text}"))
+}
+
+fn count(value: &Value, key: &str) -> u64 {
+    value[key].as_u64().unwrap_or_else(|| panic!("no count {key} in {value}"))
+}
+
+/// Every tick was of one kind, and every row that was not dropped is in the histogram.
+#[track_caller]
+fn assert_adds_up(figures: &Value, role: &str) {
+    let count = |key| count(figures, key);
+    assert_eq!(figures["role"], role);
+    assert_eq!(figures["rate_hz"], 1000);
+    let kinds = count("idle") + count("heard") + count("stale") + count("missed");
+    assert_eq!(kinds, count("ticks"), "{figures}");
+    let played = count("ticks") - count("missed");
+    for key in ["lateness_us", "tick_time_us", "sample_age_us", "round_trip_us"] {
+        let q = &figures[key];
+        let quantiles =
+            ["p50", "p90", "p99", "p99_9", "max"].map(|q| figures[key][q].as_f64().unwrap());
+        assert!(quantiles.is_sorted() && quantiles[4] > 0.0, "{key}: {q}");
+    }
+    assert_eq!(figures["lateness_us"]["count"], played - count("dropped_rows"));
+    let bars = figures["lateness_histogram"].as_array().unwrap();
+    let in_bars: u64 = bars.iter().map(|bar| bar["ticks"].as_u64().unwrap()).sum();
+    assert_eq!(in_bars, played - count("dropped_rows"));
+}
+
+#[test]
+fn two_processes_hop_by_the_clock_and_say_how_it_went() {
+    let place = Place::new();
+    let controller = place.controller(&["--real-time", "--json", "--timeout", "30"]);
+    let simulator =
+        place.simulator(&["--real-time", "--json", "--duration", "2", "--timeout", "30"]).end();
+    let controller = controller.end();
+    simulator.assert_ok();
+    controller.assert_ok();
+
+    let leg = json(&simulator.out);
+    assert_eq!((&leg["pace"], &leg["ending"]), (&"real-time".into(), &"duration".into()));
+    assert_eq!((count(&leg, "ticks"), count(&leg, "falls")), (2000, 0));
+    assert!(count(&leg, "hops") >= 1, "{leg}");
+    assert_adds_up(&leg["loop"], "leg");
+    // What is due is played, whatever was slept through.
+    let of_run = count(&leg["loop"], "ticks") - count(&leg["loop"], "idle");
+    assert!(of_run >= 2000, "{leg}");
+
+    let of_controller = json(&controller.out);
+    assert_adds_up(&of_controller["loop"], "controller");
+    assert_eq!(of_controller["ticks"], of_controller["loop"]["heard"]);
+    place.assert_clean();
+}
+
+#[test]
+fn within_a_process_and_with_a_controller_started_the_same_is_said() {
+    let place = Place::new();
+    let of_run = ["--real-time", "--duration", "0.5", "--spin", "50"];
+    let within = place.alone(&[&["--in-process", "--json"], &of_run[..]].concat()).end();
+    let report = json(&within.assert_ok().out);
+    assert_adds_up(&report["loop"], "leg");
+    assert_adds_up(&report["controller_loop"], "controller");
+
+    let spawned = place.alone(&[&["--spawn", "--live"], &of_run[..]].concat()).end();
+    spawned.assert_ok();
+    for part in ["time over", "the leg's loop", "wake-up lateness", "p99.9", "deadlines missed"] {
+        assert!(spawned.out.contains(part), "{part} is not in: {}", spawned.out);
+    }
+    place.assert_clean();
+}
+
+#[test]
+fn both_sides_must_tick_alike() {
+    let place = Place::new();
+    let controller = place.controller(&["--timeout", "30"]);
+    let simulator = place.simulator(&["--real-time", "--timeout", "30"]).end();
+    simulator.assert(1, &["the controller runs in lock-step", "--real-time"]);
+    controller.end().assert(1, &["the simulator runs in real time", "--real-time"]);
+    place.assert_clean();
+}
+
+#[test]
+fn what_the_machine_cannot_do_is_said_with_the_limits() {
+    let place = Place::new();
+    let cases: [(&[&str], &[&str]); 6] = [
+        (&["--real-time", "--cpu", "4095"], &["--cpu", "4095", "processors"]),
+        (&["--real-time", "--rt-priority", "0"], &["--rt-priority", "0", "1..=99"]),
+        (&["--real-time", "--rt-priority", "100"], &["100", "1..=99"]),
+        (&["--real-time", "--spin", "-1"], &["--spin", "-1"]),
+        (&["--rt-priority", "5"], &["--real-time"]),
+        (&["--on-fall", "restart"], &["--real-time"]),
+    ];
+    for (arguments, parts) in cases {
+        place.simulator(arguments).end().assert(2, parts);
+    }
+    let policy = place.policy();
+    let of_controller = ["--policy", text(&policy), "--real-time", "--cpu", "4095"];
+    place.start("controller", &of_controller).end().assert(2, &["--cpu", "4095"]);
+}
+
+#[test]
+fn a_signal_ends_a_run_with_its_figures_and_the_controller_with_it() {
+    let place = Place::new();
+    let of_run = ["--real-time", "--duration", "80000", "--timeout", "30"];
+    let controller = place.controller(&["--real-time", "--timeout", "30"]);
+    let mut simulator = place.simulator(&of_run);
+    place.wait_for_the_run(None);
+    simulator.signal(rustix::process::Signal::INT);
+    let simulator = simulator.end();
+    simulator.assert(1, &["stopped by a signal"]);
+    assert!(simulator.out.contains("wake-up lateness"), "{}", simulator.out);
+    controller.end().assert_ok();
+    place.assert_clean();
+}

@@ -1,0 +1,405 @@
+//! Recordings: written beside a run, whatever ends it; read back and replayed.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use controller::control::{Config as Law, Controller};
+use controller::host::Pace;
+use controller::host::blob::AlignedBytes;
+use controller::host::memory::Inline;
+use controller::policy::{Policy, SHIPPED};
+use controller::wire::{Command, Sample};
+use rustix::process::Signal;
+use sim_host::record::read::{Entry, Reader};
+use sim_host::record::schema::{Config, End, Policy as PolicyMessage};
+use sim_host::record::{OnFull, Recorder};
+use sim_host::replay::{self, ReplayError};
+use sim_host::scenario::{Scenario, Settings};
+use sim_host::session::{Options, lock_step};
+
+use crate::place::{PROGRAM, Place, text};
+
+/// So long at most until a process has done what it is to do.
+const SOON: Duration = Duration::from_secs(20);
+
+fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !is_so() {
+        assert!(begun.elapsed() < SOON, "{what}");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+fn shipped() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../controller/policies/robust.bin")
+}
+
+fn part(path: &Path) -> PathBuf {
+    path.with_extension("mcap.part")
+}
+
+fn size(path: &Path) -> u64 {
+    fs::metadata(path).map_or(0, |m| m.len())
+}
+
+/// The samples and commands of a file, what else there is, and its warning.
+fn read(path: &Path) -> (Vec<(Sample, Command)>, Vec<Entry>, Option<String>) {
+    let mut reader = Reader::open(path).unwrap();
+    let (mut ticks, mut rest, mut last) = (Vec::new(), Vec::new(), None);
+    while let Some(entry) = reader.next_entry().unwrap() {
+        match entry {
+            Entry::Sample(sample) => last = Some(Sample::from(&sample)),
+            Entry::Command(command) => ticks.push((last.unwrap(), Command::from(&command))),
+            entry => rest.push(entry),
+        }
+    }
+    (ticks, rest, reader.warning())
+}
+
+/// A run in this process. Those of its ticks are recorded that `keep` says;
+/// gives all of them as they were.
+fn record(
+    path: &Path,
+    seconds: u32,
+    keep: impl Fn(u64) -> bool,
+    policies: &[PolicyMessage],
+    law: impl FnMut(&Sample) -> Command,
+) -> Vec<(Sample, Command)> {
+    let settings = Settings::from_toml(&format!("duration_s = {seconds}.0")).unwrap();
+    let scenario = Scenario::from_settings(&settings).unwrap();
+    let config = Config::of(&settings, &scenario, Pace::LockStep).unwrap();
+    let (recorder, mut tap) =
+        Recorder::begin_by(Path::new(PROGRAM), path, &config, OnFull::Wait).unwrap();
+    for policy in policies {
+        recorder.notes().policy(policy.clone());
+    }
+    let mut ticks = Vec::new();
+    let outcome = lock_step::run(&scenario, &mut Inline::new(law), Options::default(), |tick| {
+        ticks.push((*tick.sample, *tick.command));
+        if keep(tick.seq) {
+            tap.push(tick);
+        }
+    });
+    let recorded = recorder.finish(End::of(&outcome.unwrap())).unwrap();
+    assert_eq!(recorded.dropped, 0);
+    ticks
+}
+
+fn given(blob: &[u8], seq: u64) -> PolicyMessage {
+    PolicyMessage::of(blob, &Policy::parse(blob).unwrap(), 1, seq)
+}
+
+fn shipped_controller() -> Controller<'static> {
+    Controller::new(Policy::parse(SHIPPED).unwrap(), Law::at_rate(1000).unwrap())
+}
+
+#[test]
+fn a_recorded_run_is_the_same_run_and_replays_bit_for_bit() {
+    let place = Place::new();
+    let path = place.file("run.mcap");
+    let run = ["--in-process", "--medium", "water", "--set-point", "0.3", "--duration", "20"];
+    let bare = place.alone(&run).end().assert_ok().state_hash();
+    let recorded = place.alone(&[&run[..], &["--record", text(&path)]].concat()).end();
+    assert_eq!(recorded.assert_ok().state_hash(), bare);
+    assert!(!part(&path).exists());
+
+    let (ticks, rest, warning) = read(&path);
+    assert_eq!((ticks.len(), warning), (20_000, None));
+    let kinds = |f: fn(&&Entry) -> bool| rest.iter().filter(f).count();
+    assert_eq!(kinds(|e| matches!(e, Entry::State(_))), 20_000);
+    assert!(kinds(|e| matches!(e, Entry::Apex(_))) > 5);
+    assert!(kinds(|e| matches!(e, Entry::Event(_))) > 10);
+    let Some(Entry::End(end)) = rest.last() else { panic!("{:?}", rest.last()) };
+    assert_eq!((&end.state_hash, end.ticks), (&bare, 20_000));
+    let Entry::Config(config) = &rest[0] else { panic!("{:?}", rest[0]) };
+    let settings = Settings::from_toml(&config.scenario_toml).unwrap();
+    assert_eq!((settings.set_point_m_s, settings.duration_s), (Some(0.3), Some(20.0)));
+
+    let same = place.start("replay", &[text(&path)]).end();
+    assert!(same.assert_ok().out.contains("20000 commands compared: the same, bit for bit"));
+    let shipped = shipped();
+    let other = place.start("replay", &[text(&path), "--policy", text(&shipped)]).end();
+    let out = &other.assert(1, &[] as &[&str]).out;
+    assert!(out.contains("20000 commands compared, ") && out.contains("first at tick"), "{out}");
+    let json = place.start("replay", &[text(&path), "--policy", text(&shipped), "--json"]).end();
+    let report: serde_json::Value = serde_json::from_str(&json.out).unwrap();
+    assert_eq!((&report["equal"], &report["compared"]), (&false.into(), &20_000.into()));
+    assert!(report["apexes"].as_array().is_some_and(|rows| rows.len() > 5), "{report}");
+}
+
+#[test]
+fn a_recording_is_drawn_over_any_stretch_of_its_time() {
+    let place = Place::new();
+    let (path, svg) = (place.file("run.mcap"), place.file("run.svg"));
+    let run = ["--in-process", "--duration", "10", "--record", text(&path)];
+    place.alone(&run).end().assert_ok();
+    let plot = |more: &[&str]| {
+        let own = [text(&path), "-o", text(&svg)];
+        place.start("plot", &[&own[..], more].concat()).end()
+    };
+    plot(&[]).assert_ok();
+    let dots = |svg: &Path| fs::read_to_string(svg).unwrap().matches("<circle").count();
+    let all = dots(&svg);
+    assert!(all > 20, "{all}");
+    plot(&["--from", "2", "--until", "5"]).assert_ok();
+    assert!((1..all).contains(&dots(&svg)), "{}", dots(&svg));
+    plot(&["--from", "11"]).assert(2, &["nothing of it lies between", "11", "9.999"]);
+    plot(&["--from", "5", "--until", "2"]).assert(2, &["--from 5 --until 2"]);
+    let other = place.policy();
+    place.start("plot", &[text(&other), "-o", text(&svg)]).end().assert(2, &["not an MCAP file"]);
+}
+
+#[test]
+fn a_scenario_is_recorded_as_a_file_that_says_the_same() {
+    let text = "rate_hz = 500\nduration_s = 0.1\nseed = 18446744073709551615\n\
+                density_profile = [[1.0, 0.30000000000000004], [2.0, 0.0]]\ngravity_m_s2 = 1.62\n\
+                density = \"told\"\nset_point_m_s = 0.1\nset_point_steps = [{ from_x_m = 3.0, m_s = -1.5 }]\n\
+                [start]\nvx_spread_m_s = 0.7\n\
+                [leg_parameters]\nmass_kg = 70.0\nadded_mass_kg = 1.0\nstiffness_n_m = 20000.0\n\
+                volume_m3 = 0.07\nrest_length_m = 1.0\nmax_elongation_m = 0.1\narea_x_m2 = 0.5\n\
+                area_y_m2 = 0.2\ndrag_x = 1.0\ndrag_y = 0.9\n";
+    let settings = Settings::from_toml(text).unwrap();
+    let scenario = Scenario::from_settings(&settings).unwrap();
+    let config = Config::of(&settings, &scenario, Pace::RealTime).unwrap();
+    assert_eq!(Settings::from_toml(&config.scenario_toml).unwrap(), settings);
+    assert_eq!((config.rate_hz, config.gravity_m_s2, &*config.pace), (500, 1.62, "real-time"));
+}
+
+#[test]
+fn a_recording_has_every_bit_also_of_what_is_no_number() {
+    let place = Place::new();
+    let path = place.file("bits.mcap");
+    let mut bits = 0xff80_0000_u32;
+    let law = |sample: &Sample| {
+        bits = bits.wrapping_mul(0x9e37_79b1).rotate_left(7);
+        let any = f32::from_bits(bits);
+        // What the leg follows must be finite; of the rest it takes any bits.
+        Command {
+            header: sample.header,
+            leg_angle_rad: 1.5,
+            elongation_m: -0.0,
+            apex_vx_m_s: any,
+            apex_y_m: -any,
+            density_ratio: f32::from_bits(0x7f80_0001 | bits),
+            velocity_offset_m_s: -0.0,
+            apexes: bits,
+            ..Command::default()
+        }
+    };
+    let ticks = record(&path, 1, |_| true, &[], law);
+    assert!(ticks.iter().filter(|(_, c)| c.density_ratio.is_nan()).count() > 100);
+    let (read, _, warning) = read(&path);
+    assert_eq!((read.len(), warning), (ticks.len(), None));
+    for ((sample, command), (sample_read, command_read)) in ticks.iter().zip(&read) {
+        assert_eq!(sample, sample_read);
+        assert_eq!(replay::difference(command, command_read), None);
+    }
+}
+
+#[test]
+fn a_file_cut_anywhere_is_read_up_to_its_last_whole_chunk() {
+    let place = Place::new();
+    let path = place.file("whole.mcap");
+    let mut controller = shipped_controller();
+    let law = |sample: &Sample| controller.tick(Some(sample));
+    let ticks = record(&path, 8, |_| true, &[given(SHIPPED, 0)], law);
+    let bytes = fs::read(&path).unwrap();
+    let cut = place.file("cut.mcap");
+    let mut counts = Vec::new();
+    for eighth in 1..8 {
+        let len = bytes.len() * eighth / 8;
+        fs::write(&cut, &bytes[..len]).unwrap();
+        let (read, _, warning) = read(&cut);
+        assert!(read[..] == ticks[..read.len()], "the first ticks, cut at {len}");
+        let warning = warning.expect("a cut file is not a whole one");
+        assert!(warning.contains("cut off"), "{warning}");
+        counts.push(read.len());
+    }
+    assert!(counts.is_sorted() && counts[1] > 0 && counts[6] > counts[1], "{counts:?}");
+    let replayed = place.start("replay", &[text(&cut)]).end();
+    replayed.assert(0, &["warning", "cut off"]);
+
+    // One wrong byte: nothing of its chunk counts.
+    let mut damaged = bytes.clone();
+    damaged[bytes.len() / 2] ^= 1;
+    fs::write(&cut, &damaged).unwrap();
+    let (read, _, warning) = read(&cut);
+    assert!(read.len() < ticks.len() && read[..] == ticks[..read.len()]);
+    assert!(warning.is_some_and(|warning| warning.contains("damaged")));
+}
+
+#[test]
+fn a_killed_run_leaves_a_file_that_is_whole() {
+    let place = Place::new();
+    let path = place.file("killed.mcap");
+    let run = ["--spawn", "--duration", "86400", "--record", text(&path)];
+    let mut simulator = place.alone(&run);
+    let domain = format!("run-{}", simulator.pid());
+    wait_until("some of it is written", || size(&part(&path)) > 1 << 20);
+    assert!(!path.exists(), "it has its name only when it is finished");
+    simulator.kill();
+    wait_until("the recorder finishes the file", || path.exists());
+    assert!(!part(&path).exists());
+    let (ticks, rest, warning) = read(&path);
+    assert!(ticks.len() > 1000 && warning.is_none(), "{} {warning:?}", ticks.len());
+    assert!(!rest.iter().any(|entry| matches!(entry, Entry::End(_))));
+    let policy = place.policy();
+    place.start("replay", &[text(&path), "--policy", text(&policy)]).end().assert_ok();
+    wait_until("the controller has left", || !place.base().exists());
+    place.assert_clean_of(Some(&domain));
+}
+
+#[test]
+fn a_run_goes_on_without_its_recorder_and_says_so_once() {
+    let place = Place::new();
+    let path = place.file("lost.mcap");
+    let run = ["--in-process", "--duration", "1000", "--record", text(&path)];
+    let mut simulator = place.alone(&run);
+    wait_until("some of it is written", || size(&part(&path)) > 1 << 20);
+    simulator.signal_children(Signal::KILL);
+    let ended = simulator.end();
+    ended.assert(1, &["the recorder is lost", "lost.mcap.part", "the recording broke off"]);
+    assert_eq!(ended.err.matches("is lost").count(), 1, "{}", ended.err);
+    assert!(ended.out.contains("1000000 ticks"), "{}", ended.out);
+    assert!(!path.exists());
+    let (ticks, _, warning) = read(&part(&path));
+    assert!(ticks.len() > 1000 && warning.is_some());
+}
+
+#[test]
+fn a_stopped_recorder_is_waited_for_in_lock_step_and_nothing_is_missing() {
+    let place = Place::new();
+    let path = place.file("stopped.mcap");
+    let mut simulator =
+        place.alone(&["--in-process", "--duration", "300", "--record", text(&path)]);
+    wait_until("some of it is written", || size(&part(&path)) > 1 << 16);
+    simulator.signal_children(Signal::STOP);
+    std::thread::sleep(Duration::from_millis(200));
+    simulator.signal_children(Signal::CONT);
+    simulator.end().assert_ok();
+    assert_eq!(read(&path).0.len(), 300_000);
+}
+
+#[test]
+fn a_replay_finds_one_bit_and_goes_as_far_as_nothing_is_missing() {
+    let place = Place::new();
+    let path = place.file("run.mcap");
+    let policy = [given(SHIPPED, 0)];
+    let mut controller = shipped_controller();
+    let law = |sample: &Sample| controller.tick(Some(sample));
+    record(&path, 5, |seq| !(3000..3050).contains(&seq), &policy, law);
+    let report = replay::replay(&path, None).unwrap();
+    assert_eq!((report.equal, report.compared, report.ticks), (true, 3000, 4950));
+    let why = report.not_compared.unwrap();
+    assert!(why.contains("ticks 3000 to 3049 are not in the recording"), "{why}");
+
+    let mut controller = shipped_controller();
+    let law = |sample: &Sample| {
+        let command = controller.tick(Some(sample));
+        let flip = u32::from(sample.header.seq == 1234);
+        Command { apex_y_m: f32::from_bits(command.apex_y_m.to_bits() ^ flip), ..command }
+    };
+    record(&path, 5, |_| true, &policy, law);
+    let report = replay::replay(&path, None).unwrap();
+    let found = report.first_difference.unwrap();
+    assert_eq!((found.tick, found.field, report.compared), (1234, "apex_y_m", 1235));
+
+    // A controller that is killed and comes back knows nothing: that is told.
+    let mut controller = shipped_controller();
+    let law = |sample: &Sample| {
+        if sample.header.seq == 2500 {
+            controller = shipped_controller();
+        }
+        controller.tick(Some(sample))
+    };
+    record(&path, 5, |_| true, &policy, law);
+    let report = replay::replay(&path, None).unwrap();
+    assert_eq!((report.equal, report.began_anew, report.compared), (true, vec![2500], 5000));
+}
+
+#[test]
+fn a_run_in_real_time_replays_too_whatever_was_missed() {
+    let place = Place::new();
+    let path = place.file("real-time.mcap");
+    let run = ["--spawn", "--real-time", "--duration", "3", "--record", text(&path)];
+    place.alone(&run).end().assert_ok();
+    let (ticks, rest, warning) = read(&path);
+    assert_eq!((ticks.len(), warning), (3000, None));
+    let of_loop: Vec<_> = rest
+        .iter()
+        .filter_map(|e| if let Entry::Loop(row) = e { Some(row) } else { None })
+        .collect();
+    // Ticks that a late wake-up missed are played, but have no wake-up of their own.
+    assert!(of_loop.len() > 300 && of_loop.len() <= 3000, "{}", of_loop.len());
+    assert!(of_loop.is_sorted_by(|a, b| a.seq < b.seq));
+    assert!(of_loop.iter().all(|row| row.seq < 3000 && row.tick_ns > 0));
+    let report = replay::replay(&path, None).unwrap();
+    assert!(report.equal && report.first_difference.is_none(), "{report}");
+    assert!(report.pace == "real-time" && report.compared > 100, "{report}");
+}
+
+#[test]
+fn a_replay_swaps_policies_as_the_run_did() {
+    let place = Place::new();
+    let path = place.file("swap.mcap");
+    let hop = AlignedBytes::from(&*fs::read(place.policy()).unwrap());
+    let (first, second) = (given(SHIPPED, 0), given(hop.as_slice(), 1700));
+    let replayed = |policies: &[PolicyMessage]| {
+        let mut controller = shipped_controller();
+        let law = |sample: &Sample| {
+            if sample.header.seq == 1700 {
+                controller.swap(Policy::parse(hop.as_slice()).unwrap());
+            }
+            controller.tick(Some(sample))
+        };
+        record(&path, 5, |_| true, policies, law);
+        replay::replay(&path, None).unwrap()
+    };
+    // Whatever the order in which they came to be known.
+    let report = replayed(&[second.clone(), first.clone()]);
+    assert_eq!((report.equal, report.compared), (true, 5000), "{report}");
+    let report = replayed(std::slice::from_ref(&first));
+    assert!(report.first_difference.is_some_and(|found| found.tick > 1700), "the swap acts");
+    let report = replayed(&[first, PolicyMessage { blob: Vec::new(), ..second }]);
+    assert_eq!((report.equal, report.compared), (true, 1700));
+    assert!(report.not_compared.is_some_and(|why| why.contains("does not have")));
+}
+
+#[test]
+fn what_is_no_recording_of_ours_is_refused_with_status_2() {
+    let place = Place::new();
+    let file = place.file("some.mcap");
+    let replay_of = |path: &Path| place.start("replay", &[text(path)]).end();
+    replay_of(&file).assert(2, &["cannot read", "some.mcap"]);
+    fs::write(&file, "no recording").unwrap();
+    replay_of(&file).assert(2, &["some.mcap is not an MCAP file"]);
+    fs::write(&file, b"").unwrap();
+    replay_of(&file).assert(2, &["some.mcap is not an MCAP file"]);
+    let empty = |profile: &str| {
+        let options = mcap::WriteOptions::new().profile(profile);
+        options.create(fs::File::create(&file).unwrap()).unwrap().finish().unwrap();
+    };
+    empty("ros2");
+    replay_of(&file).assert(2, &["profile is `ros2`", "--record"]);
+    empty("spring-leg");
+    replay_of(&file).assert(2, &["no configuration in it"]);
+
+    // As behind a bridge, which cannot be asked for its policy.
+    let mut controller = shipped_controller();
+    record(&file, 1, |_| true, &[], |sample| controller.tick(Some(sample)));
+    assert!(matches!(replay::replay(&file, None), Err(ReplayError::NoPolicy(_))));
+    replay_of(&file).assert(2, &["--policy FILE"]);
+    place.start("replay", &[text(&file), "--policy", text(&shipped())]).end().assert_ok();
+
+    let run = |path: &Path| {
+        place.alone(&["--in-process", "--duration", "1", "--record", text(path)]).end()
+    };
+    run(&place.file("no/such/folder.mcap")).assert(2, &["cannot record to", "No such file"]);
+    run(file.parent().unwrap()).assert(2, &["it is there and is not a file"]);
+    let lock = fs::File::create(part(&file)).unwrap();
+    lock.lock().unwrap();
+    run(&file).assert(2, &["another recorder is writing", "some.mcap.part"]);
+    drop(lock);
+    run(&file).assert_ok();
+}

@@ -1,0 +1,201 @@
+//! A peer that goes and comes back, and one that does not fit.
+
+use std::fs::{self, File};
+use std::io::Write as _;
+use std::os::unix::fs::PermissionsExt as _;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use controller::host::Domain;
+use rustix::process::Signal;
+
+use super::place::Place;
+use super::{ENDLESS, PATIENT, SHORT};
+
+/// Long enough to be interrupted: a second and more, on any machine.
+const LONG_RUN: [&str; 4] = ["--duration", "400", "--timeout", "30"];
+
+fn count(text: &str, part: &str) -> usize {
+    text.matches(part).count()
+}
+
+#[test]
+fn a_run_goes_on_with_the_next_controller() {
+    let place = Place::new();
+    let simulator = place.simulator(&LONG_RUN);
+    let mut controller = place.controller(&PATIENT);
+    place.wait_for_the_run(None);
+    let first = controller.pid();
+    controller.kill();
+    // Seen, before another takes its place.
+    std::thread::sleep(Duration::from_millis(100));
+    let mut controller = place.controller(&PATIENT);
+    place.wait_for_status(|status| status["ticks"].as_u64() > Some(0));
+    // The second leaves in good order.
+    let second = controller.pid();
+    controller.signal(Signal::TERM);
+    controller.end().assert(1, &["stopped by a signal"]);
+    std::thread::sleep(Duration::from_millis(100));
+    let third = place.controller(&PATIENT);
+    let simulator = simulator.end();
+    simulator.assert_ok();
+    assert!(simulator.out.contains("400000 ticks"), "{}", simulator.out);
+    let err = &simulator.err;
+    assert_eq!(count(err, &format!("the controller (process {first}) died")), 1, "{err}");
+    assert_eq!(count(err, &format!("the controller (process {second}) left")), 1, "{err}");
+    assert_eq!((count(err, "is back"), err.lines().count()), (2, 4), "{err}");
+    third.end().assert_ok();
+    place.assert_clean();
+}
+
+#[test]
+fn a_controller_that_is_stopped_and_goes_on_leaves_the_run_as_it_was() {
+    let place = Place::new();
+    let within = place.alone(&[&["--in-process"], &LONG_RUN[..]].concat()).end();
+    let mut simulator = place.simulator(&LONG_RUN);
+    let mut controller = place.controller(&PATIENT);
+    place.wait_for_the_run(None);
+    controller.signal(Signal::STOP);
+    std::thread::sleep(Duration::from_millis(1300));
+    controller.signal(Signal::CONT);
+    // And the simulator, for which the controller waits.
+    std::thread::sleep(Duration::from_millis(100));
+    simulator.signal(Signal::STOP);
+    std::thread::sleep(Duration::from_millis(1300));
+    simulator.signal(Signal::CONT);
+    let (simulator, controller) = (simulator.end(), controller.end());
+    assert_eq!(simulator.assert_ok().state_hash(), within.assert_ok().state_hash());
+    let err = &simulator.err;
+    assert_eq!(count(err, "the controller lives but has said nothing for 1 s"), 1, "{err}");
+    assert_eq!((count(err, "answers again"), err.lines().count()), (1, 2), "{err}");
+    let err = &controller.assert_ok().err;
+    assert_eq!(count(err, "the simulator lives but has sent nothing for 1 s"), 1, "{err}");
+    assert_eq!((count(err, "goes on"), err.lines().count()), (1, 2), "{err}");
+    place.assert_clean();
+}
+
+#[test]
+fn a_controller_stays_for_run_after_run_whatever_becomes_of_them() {
+    let place = Place::new();
+    let within = place.alone(&[&["--in-process"], &SHORT[..]].concat()).end();
+    let mut controller = place.staying(&[]);
+    let pid = controller.pid();
+    for _ in 0..2 {
+        let run = place.simulator(&[&SHORT[..], &PATIENT].concat()).end();
+        assert_eq!(run.assert_ok().state_hash(), within.state_hash());
+        assert_eq!(run.err, "");
+    }
+    let mut killed = place.simulator(&ENDLESS);
+    let dead = killed.pid();
+    place.wait_for_status(|status| status["peer"]["pid"] == dead);
+    killed.kill();
+    place.wait_for_status(|status| status["activity"] == "waiting");
+    // One that does not fit is told so, and is no reason to end.
+    let misfit = place.simulator(&["--rate", "2000", "--timeout", "30"]).end();
+    misfit.assert(1, &["the controller runs at 1000 Hz, this program at 2000 Hz"]);
+    let run = place.simulator(&[&SHORT[..], &PATIENT].concat()).end();
+    assert_eq!(run.assert_ok().state_hash(), within.state_hash(), "as if nothing had been");
+    let status = place.status();
+    assert_eq!(status["pid"], pid);
+    assert!(status["peer"]["met"].as_u64() == Some(4), "{status}");
+
+    controller.signal(Signal::TERM);
+    let controller = controller.end();
+    let err = &controller.assert_ok().err;
+    assert_eq!(count(err, &format!("the simulator (process {dead}) died")), 1, "{err}");
+    assert_eq!(count(err, "the simulator runs at 2000 Hz"), 1, "{err}");
+    assert_eq!(count(&controller.out, "20000 ticks"), 3, "{}", controller.out);
+    place.assert_clean();
+}
+
+/// As a program of a later release would write it.
+#[test]
+fn a_peer_of_another_wire_version_is_refused_by_name() {
+    let place = Place::new();
+    let domain = Domain::join_in(&place.base(), "test").expect("a domain");
+    let card = |role: &str| {
+        let path = domain.root().join(format!("{role}.card"));
+        let mut card = File::create(&path).expect("a card");
+        card.lock().expect("its lock");
+        let pid = std::process::id();
+        write!(card, "pid {pid}\nwire 9\nrate_hz 1000\nnovelty 3\ngravity_m_s2 9.81\n").unwrap();
+        (card, path)
+    };
+    let (held, path) = card("leg");
+    let controller = place.controller(&PATIENT).end();
+    let parts = ["the simulator speaks version 9", "this program version 1", "the same release"];
+    controller.assert(1, &parts);
+    // One that stays says so once, if it was there first.
+    fs::remove_file(path).unwrap();
+    drop(held);
+    let mut staying = place.staying(&[]);
+    place.wait_for_status(|status| status["activity"] == "waiting");
+    let (held, path) = card("leg");
+    std::thread::sleep(Duration::from_millis(300));
+    staying.signal(Signal::TERM);
+    let staying = staying.end();
+    let err = &staying.assert_ok().err;
+    assert_eq!(count(err, "the simulator speaks version 9"), 1, "{err}");
+    fs::remove_file(path).unwrap();
+    drop(held);
+
+    let (held, path) = card("controller");
+    let simulator = place.simulator(&PATIENT).end();
+    simulator.assert(1, &["the controller speaks version 9", "this program version 1"]);
+    fs::remove_file(path).unwrap();
+    drop((held, domain));
+    place.assert_clean();
+}
+
+#[test]
+fn another_users_process_is_told_that_users_do_not_meet() {
+    const NOBODY: &str = "65534";
+    if !rustix::process::getuid().is_root() {
+        eprintln!("another user's process is SKIPPED: only root can start one");
+        return;
+    }
+    let place = Place::new();
+    // Everybody may come in, as in the system's own temporary folder.
+    let open = fs::Permissions::from_mode(0o777);
+    fs::set_permissions(place.file(""), open).unwrap();
+    // Where everybody may run it.
+    let program = place.file("sim-host");
+    fs::copy(env!("CARGO_BIN_EXE_sim-host"), &program).unwrap();
+    let as_nobody = |arguments: &[&str]| {
+        let output = Command::new("setpriv")
+            .args(["--reuid", NOBODY, "--regid", NOBODY, "--clear-groups"])
+            .arg(&program)
+            .args(arguments)
+            .env("TMPDIR", place.file(""))
+            .current_dir("/")
+            .stdin(Stdio::null())
+            .output()
+            .expect("setpriv");
+        let err = String::from_utf8(output.stderr).unwrap();
+        (output.status.code(), err)
+    };
+    let mut controller = place.staying(&[]);
+    place.wait_for_status(|status| status["activity"] == "waiting");
+    let apart = "user 0 has domains here too; processes of two users do not meet";
+    for arguments in [
+        &["run", "--domain", "test", "--timeout", "0.2"][..],
+        &["controller", "status", "--domain", "test"],
+    ] {
+        let (status, err) = as_nobody(arguments);
+        assert_eq!(status, Some(1), "{err}");
+        assert!(err.contains("no controller") && err.contains(apart), "{err}");
+    }
+    // A folder of that name that belongs to somebody else is no place to meet.
+    let theirs = place.file(&format!("spring-leg-{NOBODY}"));
+    if theirs.exists() {
+        fs::remove_dir_all(&theirs).unwrap();
+    }
+    fs::create_dir(&theirs).unwrap();
+    let (status, err) = as_nobody(&["run", "--domain", "test", "--timeout", "0.2"]);
+    let foreign = format!("belongs to user 0, not to you (user {NOBODY})");
+    assert!(status == Some(1) && err.contains(&foreign) && err.contains("TMPDIR"), "{err}");
+    fs::remove_dir(&theirs).unwrap();
+    controller.signal(Signal::TERM);
+    controller.end().assert_ok();
+    place.assert_clean();
+}

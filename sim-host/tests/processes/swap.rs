@@ -1,0 +1,155 @@
+//! Weights swapped on a running leg, by the controller's desk and by SIGHUP.
+
+use std::fs;
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use rustix::process::Signal;
+
+use super::place::{Place, hopping_named, text};
+use super::{ENDLESS, PATIENT};
+
+#[test]
+fn a_policy_is_swapped_in_at_an_apex_and_a_bad_one_is_refused() {
+    let place = Place::new();
+    let other = place.file("other.bin");
+    fs::write(&other, hopping_named("other")).unwrap();
+    let nobody = place.ask(&["swap", text(&other)]);
+    nobody.assert(1, &["no controller is running in domain `test`", "controller --policy FILE"]);
+
+    let mut simulator = place.simulator(&ENDLESS);
+    let mut controller = place.staying(&PATIENT);
+    place.wait_for_the_run(None);
+    let before = place.status();
+    assert_eq!(before["policy"]["name"], "hop in place");
+    assert_eq!((&before["swaps"], &before["pending"]), (&0.into(), &serde_json::Value::Null));
+    let swapped = place.ask(&["swap", text(&other)]);
+    let said = &swapped.assert_ok().out;
+    assert!(
+        said.contains("the policy other") && said.contains("instead of hop in place"),
+        "{said}"
+    );
+    let after = place.status();
+    assert_eq!((after["policy"]["name"].as_str(), &after["swaps"]), (Some("other"), &1.into()));
+    assert_eq!(after["policy"]["file"], text(&other));
+    assert_ne!(after["policy"]["crc32"], before["policy"]["crc32"]);
+    assert_eq!(after["since"]["epoch"], after["last"]["epoch"]);
+    assert_eq!(after["rejected"]["ticks"], 0);
+    let table = place.ask(&["status"]);
+    for part in ["other", after["policy"]["crc32"].as_str().unwrap(), "swaps 1"] {
+        assert!(table.assert_ok().out.contains(part), "{part}: {}", table.out);
+    }
+
+    // Refused, each with what is wrong; the old one stays.
+    let mut blob = hopping_named("worse");
+    blob[60] ^= 1;
+    let bad = place.file("bad.bin");
+    fs::write(&bad, blob).unwrap();
+    place.ask(&["swap", text(&bad)]).assert(2, &["bad.bin", "not a policy", "other", "stays"]);
+    let none = place.file("none.bin");
+    place.ask(&["swap", text(&none)]).assert(2, &["cannot read", "none.bin"]);
+    place.ask(&["swap"]).assert(2, &["FILE"]);
+    assert_eq!(place.status()["swaps"], 1);
+
+    // A SIGHUP has the file of --policy read again.
+    fs::write(place.policy(), hopping_named("third")).unwrap();
+    controller.signal(Signal::HUP);
+    place.wait_for_status(|status| status["policy"]["name"] == "third" || hang_up_is_ignored());
+    fs::write(place.policy(), "nothing").unwrap();
+    controller.signal(Signal::HUP);
+    std::thread::sleep(Duration::from_millis(200));
+
+    simulator.signal(Signal::INT);
+    simulator.end().assert(1, &["stopped by a signal"]);
+    place.wait_for_status(|status| status["activity"] == "waiting");
+    controller.signal(Signal::TERM);
+    let controller = controller.end();
+    controller.assert(0, &["the policy other", "has taken over at tick"]);
+    if !hang_up_is_ignored() {
+        controller.assert(0, &["policy.bin is read again", "policy.bin is not a policy", "stays"]);
+    }
+    place.assert_clean();
+}
+
+/// Programs leave an ignored hang-up ignored, and inherit that from this test.
+fn hang_up_is_ignored() -> bool {
+    let status = fs::read_to_string("/proc/self/status").unwrap();
+    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:")).unwrap();
+    u64::from_str_radix(ignored.trim(), 16).unwrap() & 1 == 1
+}
+
+/// In lock-step no tick can be missed, so what is left to say is exact: every
+/// sample of the run was answered, none rejected, and no command was the safe
+/// one but those before the first apex.
+#[test]
+fn a_hundred_swaps_on_a_hopping_leg_cost_no_tick() {
+    const SWAPS: u64 = 100;
+    let place = Place::new();
+    let files = ["a", "b"].map(|name| {
+        let file = place.file(&format!("{name}.bin"));
+        fs::write(&file, hopping_named(name)).unwrap();
+        file
+    });
+    let run = ["--duration", "2000", "--json", "--timeout", "30"];
+    let within = place.alone(&[&["--in-process"], &run[..]].concat()).end();
+    let simulator = place.simulator(&run);
+    let mut controller = place.staying(&PATIENT);
+    place.wait_for_status(|status| status["activity"] == "running");
+    for i in 0..SWAPS {
+        let file = &files[i as usize % 2];
+        place.ask(&["swap", text(file)]).assert_ok();
+    }
+    let swaps = place.status()["swaps"].as_u64();
+    let simulator = simulator.end();
+    controller.signal(Signal::TERM);
+    let controller = controller.end();
+
+    let figures = |run: &str| -> serde_json::Value { serde_json::from_str(run).expect("JSON") };
+    let (swapped, plain) = (figures(&simulator.assert_ok().out), figures(&within.out));
+    assert_eq!(swaps, Some(SWAPS), "all in force while the leg hopped: {swapped}");
+    // The policies differ in name only, so not even the hash may tell.
+    for key in ["state_hash", "ticks", "safe_ticks", "rejected", "held_ticks", "silences"] {
+        assert_eq!(swapped[key], plain[key], "{key}");
+    }
+    controller.assert_ok();
+    assert!(controller.err.matches("has taken over").count() > 1, "{}", controller.err);
+    place.assert_clean();
+}
+
+/// The other meaning of a SIGHUP: with --policy too, a terminal that is closed
+/// is the end.
+#[test]
+fn a_closed_terminal_ends_a_controller_that_would_reload() {
+    if hang_up_is_ignored() || Command::new("script").arg("--version").output().is_err() {
+        eprintln!("a closed terminal is SKIPPED: SIGHUP is ignored here, or there is no `script`");
+        return;
+    }
+    let place = Place::new();
+    // `script` holds the other end of a terminal; what it runs has that terminal as its own.
+    let controller = format!(
+        "exec {} controller --domain test --policy {}",
+        env!("CARGO_BIN_EXE_sim-host"),
+        text(&place.policy())
+    );
+    let mut terminal = Command::new("script")
+        .args(["--quiet", "--command", &controller, "/dev/null"])
+        .env("TMPDIR", place.file(""))
+        .env("SHELL", "/bin/sh")
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("script");
+    place.wait_for_status(|status| status["activity"] == "waiting");
+    let pid = place.status()["pid"].as_u64().unwrap();
+    terminal.kill().unwrap();
+    terminal.wait().unwrap();
+    let deadline = Instant::now() + Duration::from_secs(8);
+    let process = PathBuf::from(format!("/proc/{pid}/exe"));
+    while place.base().exists() || fs::read_link(&process).is_ok() {
+        assert!(Instant::now() < deadline, "it still runs");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    place.assert_clean();
+}
