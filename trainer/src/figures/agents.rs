@@ -99,13 +99,13 @@ impl Learnt {
 
 /// Seeds that the learning curves are drawn from.
 #[must_use]
-pub(super) fn seeds(extent: Extent) -> std::ops::Range<u64> {
+pub(crate) fn seeds(extent: Extent) -> std::ops::Range<u64> {
     0..extent.of(24, 4)
 }
 
 /// Seconds that training an agent over all [`seeds`] takes on two cores.
 #[must_use]
-pub(super) fn cost_s(agent: Paper, extent: Extent) -> f64 {
+pub(crate) fn cost_s(agent: Paper, extent: Extent) -> f64 {
     seeds(extent).count() as f64 * one_cost_s(agent) / 2.0
 }
 
@@ -152,7 +152,7 @@ impl Workshop {
 
 /// Mean reward of the last 1,000 episodes.
 #[must_use]
-pub(super) fn last_reward(learnt: &Learnt) -> f64 {
+pub(crate) fn last_reward(learnt: &Learnt) -> f64 {
     let episodes = learnt.stages.last().map_or(&[][..], |stage| &stage.episodes);
     let last = &episodes[episodes.len().saturating_sub(1_000)..];
     last.iter().map(|e| e.reward).sum::<f64>() / last.len().max(1) as f64

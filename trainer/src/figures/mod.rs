@@ -8,31 +8,16 @@
 //! number of threads.
 
 mod agents;
-mod beyond;
-mod body;
 mod claim;
-mod fig03;
-mod fig04;
-mod fig05;
-mod fig06;
-mod fig08;
-mod landscape;
-mod landscape_sheet;
-mod fig07;
-mod fig09;
-mod fig11;
-mod fig12;
-mod fig13;
-mod flown;
-mod learning;
-mod one_step;
+mod each;
 mod page;
 pub mod picture;
 mod reference;
-mod sensed;
+mod study;
 mod workshop;
 
 pub use claim::{Claim, Verdict};
+pub use each::all;
 pub use page::page;
 pub use reference::Reference;
 pub use workshop::{Extent, FiguresError, Workshop};
@@ -65,23 +50,4 @@ pub struct Made {
     pub measured: String,
     /// The paper's claims, put to the test.
     pub claims: Vec<Claim>,
-}
-
-/// Every figure, in the order of the paper.
-#[must_use]
-pub fn all() -> Vec<Box<dyn Figure>> {
-    vec![
-        Box::new(fig03::Fig03),
-        Box::new(fig04::Fig04),
-        Box::new(fig05::Fig05),
-        Box::new(fig06::Fig06),
-        Box::new(fig07::Fig07),
-        Box::new(fig08::Fig08),
-        Box::new(fig09::FIG09),
-        Box::new(fig09::FIG10),
-        Box::new(fig11::Fig11),
-        Box::new(fig12::Fig12),
-        Box::new(fig13::Fig13),
-        Box::new(beyond::Beyond),
-    ]
 }

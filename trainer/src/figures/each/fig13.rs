@@ -6,11 +6,11 @@ use controller::actor::Actor;
 use controller::policy::GainPoint;
 use sim_host::plant::{Action, Apex, Body, EventKind, Flat, Leg, LegCommand, Medium, TickPlant};
 
-use super::agents::{Learnt, Paper, last_reward};
-use super::flown::{follow, mean_and_swing};
-use super::picture::{Axis, COLORS, INK, Mark, Panel, Sheet};
-use super::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
 use crate::evaluate::hopper;
+use crate::figures::agents::{Learnt, Paper, last_reward};
+use crate::figures::picture::{Axis, COLORS, INK, Mark, Panel, Sheet};
+use crate::figures::study::flown::{follow, mean_and_swing};
+use crate::figures::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
 
 /// The speed asked for, m/s.
 const ASKED_M_S: f32 = 1.0;

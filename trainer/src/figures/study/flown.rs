@@ -7,33 +7,33 @@ use controller::velocity::Cascade;
 use serde::Serialize;
 use sim_host::plant::{Action, Apex, Hopper, Leg, LegParameters, Medium};
 
-use super::{FiguresError, Reference};
 use crate::environment::LOWEST_APEX_M;
 use crate::evaluate::act;
+use crate::figures::{FiguresError, Reference};
 use crate::policy::Frozen;
 
 /// Where a run starts in figures of which the paper does not say where.
-pub(super) const START: Apex = Apex { vx_m_s: 1.0, y_m: 2.0 };
+pub(crate) const START: Apex = Apex { vx_m_s: 1.0, y_m: 2.0 };
 
 /// A run: the states at its apexes, and the action taken at each.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Flown {
+pub(crate) struct Flown {
     /// The first is the start; where the leg fell, the last is where from.
-    pub(super) apexes: Vec<Apex>,
+    pub(crate) apexes: Vec<Apex>,
     /// One for each apex but, after a run without a fall, the last.
-    pub(super) actions: Vec<Action>,
+    pub(crate) actions: Vec<Action>,
     /// Whether there was no next apex, or one too low to be a hop.
-    pub(super) fell: bool,
+    pub(crate) fell: bool,
 }
 
 impl Flown {
     /// Hops that ended well.
-    pub(super) fn hops(&self) -> usize {
+    pub(crate) fn hops(&self) -> usize {
         self.apexes.len() - 1
     }
 
     /// Velocities of the last apexes, m/s; none after a fall.
-    pub(super) fn last_vx_m_s(&self, count: usize) -> Option<Vec<f64>> {
+    pub(crate) fn last_vx_m_s(&self, count: usize) -> Option<Vec<f64>> {
         let last = &self.apexes[self.apexes.len().saturating_sub(count)..];
         (!self.fell).then(|| last.iter().map(|apex| apex.vx_m_s).collect())
     }
@@ -41,7 +41,7 @@ impl Flown {
 
 /// Flies an actor on the apex map for some hops; `offset` is asked at each apex
 /// for what to take from the observed velocity, m/s.
-pub(super) fn fly(
+pub(crate) fn fly(
     actor: &Actor<'_>,
     hopper: &Hopper,
     rho: f64,
@@ -67,7 +67,7 @@ pub(super) fn fly(
 }
 
 /// The same, asked for a speed under the cascade.
-pub(super) fn follow(
+pub(crate) fn follow(
     actor: &Actor<'_>,
     hopper: &Hopper,
     gains: GainPoint,
@@ -82,21 +82,21 @@ pub(super) fn follow(
 }
 
 /// Mean, and half the range.
-pub(super) fn mean_and_swing(values: &[f64]) -> (f64, f64) {
+pub(crate) fn mean_and_swing(values: &[f64]) -> (f64, f64) {
     let (low, high) =
         values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &v| (l.min(v), h.max(v)));
     (values.iter().sum::<f64>() / values.len() as f64, (high - low) / 2.0)
 }
 
 /// The paper's leg with another mass, kg, and spring, N/m.
-pub(super) fn other_leg(mass_kg: f64, stiffness_n_m: f64, medium: Medium) -> Hopper {
+pub(crate) fn other_leg(mass_kg: f64, stiffness_n_m: f64, medium: Medium) -> Hopper {
     let human: LegParameters = Leg::human().into();
     let leg = Leg::new(LegParameters { mass_kg, stiffness_n_m, ..human });
     Hopper::new(&leg.expect("a mass and a stiffness above 0"), medium)
 }
 
 /// An actor of the authors, where their data is at hand.
-pub(super) fn authors_actor(
+pub(crate) fn authors_actor(
     reference: Option<&Reference>,
     agent: &str,
 ) -> Result<Option<Frozen>, FiguresError> {
@@ -104,7 +104,7 @@ pub(super) fn authors_actor(
 }
 
 /// All of an actor, as an input of a part.
-pub(super) fn identity(frozen: &Frozen) -> impl Serialize + '_ {
+pub(crate) fn identity(frozen: &Frozen) -> impl Serialize + '_ {
     (frozen.widths.as_slice(), frozen.observation, frozen.action, &frozen.packed)
 }
 

@@ -4,8 +4,8 @@
 use std::fmt::Write as _;
 
 use super::landscape::{Objective, Plane, Transition, bounds, hops, over, starts};
-use super::picture::{Axis, COLORS, Mark, Panel, Sheet};
-use super::{Extent, FiguresError};
+use crate::figures::picture::{Axis, COLORS, Mark, Panel, Sheet};
+use crate::figures::{Extent, FiguresError};
 
 /// Media drawn, from water to air.
 const DRAWN: [f64; 6] = [1.0, 0.8, 0.6, 0.4, 0.2, 0.0];
@@ -16,7 +16,7 @@ const ACROSS: usize = 3;
 
 /// The picture and its table: what is drawn, and the numbers of `own` starts
 /// beside those of an `other` objective.
-pub(super) fn sheet(
+pub(crate) fn sheet(
     title: &str,
     extent: Extent,
     objective: &Objective,

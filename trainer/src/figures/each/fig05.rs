@@ -1,8 +1,8 @@
 //! Figure 5: the reward of stopping in one step, over all actions, from water to air.
 
-use super::landscape::{NEAR_M_S, Objective, Survey, Transition, cost_s, over};
-use super::landscape_sheet::sheet;
-use super::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
+use crate::figures::study::landscape::{NEAR_M_S, Objective, Survey, Transition, cost_s, over};
+use crate::figures::study::landscape_sheet::sheet;
+use crate::figures::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
 
 /// Landscapes this much correlated are the same but for a little.
 const ALIKE: f64 = 0.9;
@@ -141,8 +141,8 @@ fn by_angle(stop: &[Transition]) -> Claim {
 
 #[cfg(test)]
 mod tests {
-    use super::super::landscape::Look;
     use super::*;
+    use crate::figures::study::landscape::Look;
 
     fn look(high: f64, pieces: f64, largest: f64, by_angle: f64) -> Look {
         Look { high, pieces, largest, slope: 0.1, by_angle }

@@ -6,28 +6,28 @@ use std::ops::Range;
 use rayon::prelude::*;
 use sim_host::plant::{Hopper, Medium};
 
-use super::Extent;
 use super::flown::other_leg;
-use super::picture::{Axis, Mark, Panel};
+use crate::figures::Extent;
+use crate::figures::picture::{Axis, Mark, Panel};
 
 /// The plane: dry mass, kg, and stiffness, kN/m.
-pub(super) const MASS_KG: Range<f64> = 30.0..130.0;
-pub(super) const STIFFNESS_KN_M: Range<f64> = 2.5..42.5;
+pub(crate) const MASS_KG: Range<f64> = 30.0..130.0;
+pub(crate) const STIFFNESS_KN_M: Range<f64> = 2.5..42.5;
 
 /// Equal cells over the plane; bodies at their middles.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Plane {
+pub(crate) struct Plane {
     /// Cells each way.
-    pub(super) cells: usize,
+    pub(crate) cells: usize,
 }
 
 impl Plane {
-    pub(super) fn of(extent: Extent) -> Self {
+    pub(crate) fn of(extent: Extent) -> Self {
         Self { cells: extent.of(20, 8) }
     }
 
     /// Mass, kg, and stiffness, N/m, of each cell: row by row, the softest first.
-    pub(super) fn bodies(self) -> Vec<[f64; 2]> {
+    pub(crate) fn bodies(self) -> Vec<[f64; 2]> {
         let middle = |range: &Range<f64>, i: usize| {
             range.start + (range.end - range.start) * (i as f64 + 0.5) / self.cells as f64
         };
@@ -38,7 +38,7 @@ impl Plane {
     }
 
     /// A value for each cell.
-    pub(super) fn map(self, medium: Medium, value: impl Fn(&Hopper) -> f64 + Sync) -> Vec<f64> {
+    pub(crate) fn map(self, medium: Medium, value: impl Fn(&Hopper) -> f64 + Sync) -> Vec<f64> {
         let bodies = self.bodies();
         bodies
             .into_par_iter()
@@ -47,7 +47,7 @@ impl Plane {
     }
 
     /// A panel of such values.
-    pub(super) fn panel(
+    pub(crate) fn panel(
         self,
         title: &str,
         values: Vec<f64>,
@@ -64,7 +64,7 @@ impl Plane {
         };
         let home = Mark::Dots {
             points: vec![(80.0, 20.0)],
-            color: super::picture::INK,
+            color: crate::figures::picture::INK,
             radius_px: 4,
             label: Some("the body that was trained".into()),
         };

@@ -9,13 +9,13 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use sim_host::plant::{Action, Apex, Hopper, Leg, Medium, Tolerance};
 
-use super::{Extent, FiguresError, Workshop};
 use crate::config::Reward;
 use crate::environment::draw_start;
+use crate::figures::{Extent, FiguresError, Workshop};
 use crate::preset::{ACTION_HIGH, ACTION_LOW, Preset};
 
 /// A reward is high where the step comes this near to the wanted speed, m/s.
-pub(super) const NEAR_M_S: f64 = 0.5;
+pub(crate) const NEAR_M_S: f64 = 0.5;
 /// Seed of the starts.
 const SEED: u64 = 5;
 /// Spread of the starts, as in training.
@@ -24,22 +24,22 @@ const SPREAD: f64 = 3.0;
 const HOP_S: f64 = 1.5e-6;
 
 /// All touchdown angles, rad, or all elongation speeds, m/s.
-pub(super) fn bounds() -> [Range<f64>; 2] {
+pub(crate) fn bounds() -> [Range<f64>; 2] {
     [0, 1].map(|i| f64::from(ACTION_LOW[i])..f64::from(ACTION_HIGH[i]))
 }
 
 /// A grid over all actions, row by row from the lowest angle; a cell stands for
 /// its middle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Plane {
+pub(crate) struct Plane {
     /// Rows: touchdown angles.
-    pub(super) angles: usize,
+    pub(crate) angles: usize,
     /// Columns: elongation speeds.
-    pub(super) speeds: usize,
+    pub(crate) speeds: usize,
 }
 
 impl Plane {
-    pub(super) fn actions(self) -> impl Iterator<Item = Action> {
+    pub(crate) fn actions(self) -> impl Iterator<Item = Action> {
         let [alpha, rs] = bounds();
         let middle = |range: &Range<f64>, i: usize, of: usize| {
             range.start + (i as f64 + 0.5) / of as f64 * (range.end - range.start)
@@ -53,25 +53,25 @@ impl Plane {
 
 /// What a step is rewarded for.
 #[derive(Clone, Debug)]
-pub(super) struct Objective {
+pub(crate) struct Objective {
     /// The speed to reach, m/s: 0 is to stop.
-    pub(super) wanted_m_s: f64,
+    pub(crate) wanted_m_s: f64,
     reward: Reward,
 }
 
 impl Objective {
     /// The paper's reward, relative to a speed.
-    pub(super) fn speed(wanted_m_s: f64) -> Self {
+    pub(crate) fn speed(wanted_m_s: f64) -> Self {
         Self { wanted_m_s, reward: Preset::Air.config().reward }
     }
 
     /// Reward from which on it is high.
-    pub(super) fn high() -> f64 {
+    pub(crate) fn high() -> f64 {
         (1.0 + 1.0 / NEAR_M_S).log10()
     }
 
     /// Rewards of all actions of a plane.
-    pub(super) fn rewards(&self, hops: &[Option<Apex>], plane: Plane, density: f64) -> Vec<f64> {
+    pub(crate) fn rewards(&self, hops: &[Option<Apex>], plane: Plane, density: f64) -> Vec<f64> {
         let relative = |apex: Apex| Apex { vx_m_s: apex.vx_m_s - self.wanted_m_s, ..apex };
         let pairs = plane.actions().zip(hops);
         pairs.map(|(action, next)| self.reward.of(action, next.map(relative), density)).collect()
@@ -79,41 +79,41 @@ impl Objective {
 }
 
 /// Human-size leg in a medium between air, 0, and water, 1.
-pub(super) fn hopper(density_ratio: f64) -> Hopper {
+pub(crate) fn hopper(density_ratio: f64) -> Hopper {
     let medium = Medium::AIR.with_density_ratio(density_ratio).expect("a density ratio");
     Hopper::new(&Leg::human(), medium).with_tolerance(Tolerance::TRAINING)
 }
 
 /// Where every action of a plane leads; `None` is a fall.
-pub(super) fn hops(plane: Plane, start: Apex, density_ratio: f64) -> Vec<Option<Apex>> {
+pub(crate) fn hops(plane: Plane, start: Apex, density_ratio: f64) -> Vec<Option<Apex>> {
     let hopper = hopper(density_ratio);
     plane.actions().map(|action| hopper.hop(start, action).outcome.next()).collect()
 }
 
 /// The first so many of the seeded starts.
-pub(super) fn starts(count: usize) -> Vec<Apex> {
+pub(crate) fn starts(count: usize) -> Vec<Apex> {
     let mut rng = Pcg64::seed_from_u64(SEED);
     (0..count).map(|_| draw_start(SPREAD, &mut rng)).collect()
 }
 
 /// A landscape in numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Look {
+pub(crate) struct Look {
     /// Share of the actions with a high reward.
-    pub(super) high: f64,
+    pub(crate) high: f64,
     /// Connected pieces of the high region.
-    pub(super) pieces: f64,
+    pub(crate) pieces: f64,
     /// Share of the high region in its largest piece; NaN where there is none.
-    pub(super) largest: f64,
+    pub(crate) largest: f64,
     /// Mean change of the reward per 0.1 rad of the angle.
-    pub(super) slope: f64,
+    pub(crate) slope: f64,
     /// Share of the reward's variance that the angle alone explains; NaN where
     /// the reward is the same everywhere.
-    pub(super) by_angle: f64,
+    pub(crate) by_angle: f64,
 }
 
 impl Look {
-    pub(super) fn at(rewards: &[f64], plane: Plane) -> Self {
+    pub(crate) fn at(rewards: &[f64], plane: Plane) -> Self {
         let high: Vec<bool> = rewards.iter().map(|r| *r >= Objective::high()).collect();
         let count = high.iter().filter(|h| **h).count();
         let pieces = pieces(&high, plane.speeds);
@@ -132,16 +132,16 @@ impl Look {
 
 /// The landscapes of a start from water to air, in numbers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Transition {
+pub(crate) struct Transition {
     /// Density ratios, from water to air.
-    pub(super) densities: Vec<f64>,
+    pub(crate) densities: Vec<f64>,
     /// The landscape at each.
-    pub(super) looks: Vec<Look>,
+    pub(crate) looks: Vec<Look>,
     /// Mean absolute change of the reward from each density to the next.
-    pub(super) changes: Vec<f64>,
+    pub(crate) changes: Vec<f64>,
     /// Correlation of the rewards at each density and the next; NaN where one
     /// is the same everywhere.
-    pub(super) likeness: Vec<f64>,
+    pub(crate) likeness: Vec<f64>,
 }
 
 impl Transition {
@@ -158,35 +158,35 @@ impl Transition {
     }
 
     /// The sum of all changes: total variation along the density.
-    pub(super) fn variation(&self) -> f64 {
+    pub(crate) fn variation(&self) -> f64 {
         self.changes.iter().sum()
     }
 
     /// The largest change between neighbouring densities.
-    pub(super) fn jump(&self) -> f64 {
+    pub(crate) fn jump(&self) -> f64 {
         self.changes.iter().copied().fold(0.0, f64::max)
     }
 
     /// The lowest correlation between neighbouring densities.
-    pub(super) fn least_like(&self) -> f64 {
+    pub(crate) fn least_like(&self) -> f64 {
         self.likeness.iter().copied().fold(f64::NAN, f64::min)
     }
 
-    pub(super) fn water(&self) -> &Look {
+    pub(crate) fn water(&self) -> &Look {
         &self.looks[0]
     }
 
-    pub(super) fn air(&self) -> &Look {
+    pub(crate) fn air(&self) -> &Look {
         &self.looks[self.looks.len() - 1]
     }
 }
 
 /// Both objectives from every start.
-pub(super) struct Survey {
+pub(crate) struct Survey {
     /// To stop.
-    pub(super) stop: Vec<Transition>,
+    pub(crate) stop: Vec<Transition>,
     /// To go at 1 m/s.
-    pub(super) speed: Vec<Transition>,
+    pub(crate) speed: Vec<Transition>,
 }
 
 fn plane(extent: Extent) -> Plane {
@@ -201,7 +201,7 @@ fn start_count(extent: Extent) -> usize {
 const DENSITIES: usize = 21;
 
 /// Seconds that a survey takes on two cores.
-pub(super) fn cost_s(extent: Extent) -> f64 {
+pub(crate) fn cost_s(extent: Extent) -> f64 {
     start_count(extent) as f64 * one_cost_s(extent) / 2.0
 }
 
@@ -212,7 +212,7 @@ fn one_cost_s(extent: Extent) -> f64 {
 
 impl Survey {
     /// From all starts; each is a part.
-    pub(super) fn of(shop: &Workshop) -> Result<Self, FiguresError> {
+    pub(crate) fn of(shop: &Workshop) -> Result<Self, FiguresError> {
         let plane = plane(shop.extent);
         let last = (DENSITIES - 1) as f64;
         let grid: Vec<f64> = (0..DENSITIES).map(|i| 1.0 - i as f64 / last).collect();
@@ -235,12 +235,12 @@ impl Survey {
 }
 
 /// Mean over starts of what is finite.
-pub(super) fn over(starts: &[Transition], number: impl Fn(&Transition) -> f64) -> f64 {
+pub(crate) fn over(starts: &[Transition], number: impl Fn(&Transition) -> f64) -> f64 {
     let finite: Vec<f64> = starts.iter().map(number).filter(|x| x.is_finite()).collect();
     mean(&finite)
 }
 
-pub(super) fn mean(values: &[f64]) -> f64 {
+pub(crate) fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 

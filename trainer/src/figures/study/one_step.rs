@@ -8,7 +8,7 @@ use super::landscape::{Plane, bounds};
 use crate::environment::LOWEST_APEX_M;
 
 /// A step that leaves less speed than this is a stop, m/s.
-pub(super) const STOP_M_S: f64 = 0.01;
+pub(crate) const STOP_M_S: f64 = 0.01;
 /// Where the pattern search gives up, in parts of the plane.
 const FINEST: f64 = 1e-6;
 /// Bisections of a bracket: to 1e-8 rad.
@@ -19,39 +19,39 @@ const ANGLES: usize = 200;
 /// An action and the speed that it leaves; infinite where it ends in a fall or
 /// in an apex below 1 m, after which no other step follows.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Tried {
+pub(crate) struct Tried {
     /// Touchdown angle, rad.
-    pub(super) alpha_rad: f64,
+    pub(crate) alpha_rad: f64,
     /// Elongation speed, m/s.
-    pub(super) rs_m_s: f64,
+    pub(crate) rs_m_s: f64,
     /// What is left of the speed, m/s.
-    pub(super) speed_m_s: f64,
+    pub(crate) speed_m_s: f64,
 }
 
 /// One step from an apex.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Step {
+pub(crate) struct Step {
     /// The leg in its medium.
-    pub(super) hopper: Hopper,
+    pub(crate) hopper: Hopper,
     /// Where it starts.
-    pub(super) start: Apex,
+    pub(crate) start: Apex,
 }
 
 impl Step {
     /// The velocity at the next apex, if that is one to go on from.
-    pub(super) fn velocity(&self, alpha_rad: f64, rs_m_s: f64) -> Option<f64> {
+    pub(crate) fn velocity(&self, alpha_rad: f64, rs_m_s: f64) -> Option<f64> {
         let next = self.hopper.hop(self.start, Action { alpha_rad, rs_m_s }).outcome.next()?;
         (next.y_m >= LOWEST_APEX_M).then_some(next.vx_m_s)
     }
 
-    pub(super) fn tried(&self, alpha_rad: f64, rs_m_s: f64) -> Tried {
+    pub(crate) fn tried(&self, alpha_rad: f64, rs_m_s: f64) -> Tried {
         let speed_m_s = self.velocity(alpha_rad, rs_m_s).map_or(f64::INFINITY, f64::abs);
         Tried { alpha_rad, rs_m_s, speed_m_s }
     }
 
     /// Pattern search: from a place in the plane, 0 to 1 on both axes, a step
     /// that doubles after each success and halves after each failure.
-    pub(super) fn pattern_search(&self, from: [f64; 2], mut mesh: f64) -> Tried {
+    pub(crate) fn pattern_search(&self, from: [f64; 2], mut mesh: f64) -> Tried {
         let [alpha, rs] = bounds();
         let at = |[a, s]: [f64; 2]| {
             let along = |part: f64, low: f64, high: f64| low + part * (high - low);
@@ -77,7 +77,7 @@ impl Step {
 
     /// The angles that stop at one elongation speed: wherever the velocity
     /// changes its sign between neighbouring angles, by bisection.
-    pub(super) fn stops_at(&self, rs_m_s: f64) -> Vec<Tried> {
+    pub(crate) fn stops_at(&self, rs_m_s: f64) -> Vec<Tried> {
         let [range, _] = bounds();
         let angle = |i: usize| range.start + i as f64 / ANGLES as f64 * (range.end - range.start);
         let tried: Vec<Option<f64>> =
@@ -104,7 +104,7 @@ impl Step {
     /// The actions that are best: all stops on a grid of elongation speeds; or,
     /// where none stops, the one that leaves the least speed, found by pattern
     /// search from the best cells of a grid. Empty where every action falls.
-    pub(super) fn best(&self, grid: Plane) -> Vec<Tried> {
+    pub(crate) fn best(&self, grid: Plane) -> Vec<Tried> {
         let [_, rs] = bounds();
         let last = (grid.speeds - 1) as f64;
         let speed = |i: usize| rs.start + i as f64 / last * (rs.end - rs.start);
@@ -129,7 +129,7 @@ impl Step {
 
 /// How far an action lies from the nearest of a set, in parts of the plane:
 /// 1 is from end to end of an axis. NaN where the set is empty.
-pub(super) fn distance(alpha_rad: f64, rs_m_s: f64, set: &[Tried]) -> f64 {
+pub(crate) fn distance(alpha_rad: f64, rs_m_s: f64, set: &[Tried]) -> f64 {
     let [alpha, rs] = bounds();
     let each = set.iter().map(|best| {
         let across = (alpha_rad - best.alpha_rad) / (alpha.end - alpha.start);
@@ -142,8 +142,8 @@ pub(super) fn distance(alpha_rad: f64, rs_m_s: f64, set: &[Tried]) -> f64 {
 mod tests {
     use std::f64::consts::FRAC_PI_2;
 
-    use super::super::landscape::hopper;
     use super::*;
+    use crate::figures::study::landscape::hopper;
 
     fn step(density: f64, vx_m_s: f64, y_m: f64) -> Step {
         Step { hopper: hopper(density), start: Apex { vx_m_s, y_m } }
@@ -180,7 +180,7 @@ mod tests {
 
     #[test]
     fn where_nothing_stands_there_is_no_best_action() {
-        // In air, at 60 m/s from 1 m: the leg catches nothing that goes up again.
+        // In air, at 1 km/s from 1 m: the leg catches nothing that goes up again.
         let hopeless = step(0.0, 1e3, 1.0);
         assert!(hopeless.best(GRID).is_empty());
         assert!(distance(1.0, 1.0, &[]).is_nan());

@@ -5,10 +5,10 @@ use std::fmt::Write as _;
 use controller::actor::Actor;
 use controller::policy::GainPoint;
 
-use super::flown::{START, authors_actor, follow, mean_and_swing};
-use super::picture::{Axis, COLORS, Mark, Panel, Sheet};
-use super::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
 use crate::evaluate::hopper;
+use crate::figures::picture::{Axis, COLORS, Mark, Panel, Sheet};
+use crate::figures::study::flown::{START, authors_actor, follow, mean_and_swing};
+use crate::figures::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
 
 /// The speed asked for, m/s.
 const ASKED_M_S: f32 = 1.0;

@@ -7,11 +7,11 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use sim_host::plant::{Action, Apex};
 
-use super::landscape::{Plane, bounds, hopper};
-use super::learning::quartiles;
-use super::one_step::{STOP_M_S, Step, Tried, distance};
-use super::picture::{Axis, Mark, Panel, Sheet};
-use super::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
+use crate::figures::picture::{Axis, Mark, Panel, Sheet};
+use crate::figures::study::landscape::{Plane, bounds, hopper};
+use crate::figures::study::learning::quartiles;
+use crate::figures::study::one_step::{STOP_M_S, Step, Tried, distance};
+use crate::figures::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
 use crate::policy::Frozen;
 
 /// The states: velocities and heights that most starts of the training lie in.
@@ -60,7 +60,7 @@ impl Figure for Fig08 {
             let _ = write!(
                 measured,
                 "In {medium}, a step that stops within {STOP_M_S} m/s, at an apex of 1 m or more, \
-                 exists from {:.3} of {} states. ",
+                 exists from at least {:.3} of {} states. ",
                 solved as f64 / best.len() as f64,
                 best.len(),
             );
@@ -211,10 +211,10 @@ struct Numbers {
     falls: f64,
     /// Median distance from the best actions, in parts of the plane.
     distance: f64,
-    /// Median speed after its first step, of those after which it goes on, m/s.
-    after_one_m_s: f64,
-    /// Median speed after an episode, of those that last, m/s.
-    after_all_m_s: f64,
+    /// Share that stands a whole episode.
+    stands: f64,
+    /// Of those, the median speed after the first step and after the last, m/s.
+    after_m_s: [f64; 2],
 }
 
 impl Numbers {
@@ -225,17 +225,22 @@ impl Numbers {
         let share = |is: fn(&Acted) -> bool| {
             acted.iter().filter(|a| is(a)).count() as f64 / acted.len() as f64
         };
-        let median = |number: fn(&Acted) -> f64| {
+        let stands = |a: &&&Acted| a.after_m_s.is_finite();
+        let median = |acted: &[&Acted], number: fn(&Acted) -> f64| {
             let mut finite: Vec<f64> =
                 acted.iter().map(|a| number(a)).filter(|x| x.is_finite()).collect();
             quartiles(&mut finite)[1]
         };
+        let standing: Vec<&Acted> = acted.iter().filter(stands).copied().collect();
         Self {
             stops: share(|a| a.tried.speed_m_s < STOP_M_S),
             falls: share(|a| a.tried.speed_m_s.is_infinite()),
-            distance: median(|a| a.distance),
-            after_one_m_s: median(|a| a.tried.speed_m_s),
-            after_all_m_s: median(|a| a.after_m_s),
+            distance: median(&acted, |a| a.distance),
+            stands: share(|a| a.after_m_s.is_finite()),
+            after_m_s: [
+                median(&standing, |a| a.tried.speed_m_s),
+                median(&standing, |a| a.after_m_s),
+            ],
         }
     }
 }
@@ -249,23 +254,24 @@ fn differs(medium: &str, who: &str, numbers: &Numbers) -> Claim {
     Claim::new(
         format!("The actor's solutions differ from the best one-step stops ({medium}, {who})"),
         format!(
-            "{:.3} of its steps stop within {STOP_M_S} m/s where one can, the median leaves {:.2} \
-             m/s; {:.3} of the plane's width lie between its action and the nearest best (median)",
-            numbers.stops, numbers.after_one_m_s, numbers.distance
+            "{:.3} of its steps stop within {STOP_M_S} m/s where one can; {:.3} of the plane's width \
+             lie between its action and the nearest best (median)",
+            numbers.stops, numbers.distance
         ),
         verdict,
     )
 }
 
 fn more_steps(medium: &str, who: &str, numbers: &Numbers) -> Claim {
-    let slower = numbers.after_all_m_s < numbers.after_one_m_s;
+    let [after_one, after_all] = numbers.after_m_s;
     Claim::new(
         format!("It takes more than one step to stop ({medium}, {who})"),
         format!(
-            "median speed {:.3} m/s after one step, {:.3} after {STEPS}, of those that stand",
-            numbers.after_one_m_s, numbers.after_all_m_s
+            "{:.3} stand {STEPS} steps; of these, median speed {after_one:.3} m/s after one, \
+             {after_all:.3} after {STEPS}",
+            numbers.stands
         ),
-        Verdict::of(slower),
+        Verdict::of(after_all < after_one),
     )
 }
 

@@ -1,8 +1,8 @@
 //! Figure 6: the reward of going at 1 m/s after one step, from water to air.
 
-use super::landscape::{Objective, Survey, Transition, cost_s, over};
-use super::landscape_sheet::sheet;
-use super::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
+use crate::figures::study::landscape::{Objective, Survey, Transition, cost_s, over};
+use crate::figures::study::landscape_sheet::sheet;
+use crate::figures::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
 
 pub(super) struct Fig06;
 
@@ -84,8 +84,8 @@ fn less_smooth(survey: &Survey) -> Claim {
 
 #[cfg(test)]
 mod tests {
-    use super::super::landscape::Look;
     use super::*;
+    use crate::figures::study::landscape::Look;
 
     fn transition(changes: [f64; 2], likeness: [f64; 2]) -> Transition {
         let look = Look { high: 0.1, pieces: 1.0, largest: 1.0, slope: 0.1, by_angle: 1.0 };

@@ -5,11 +5,11 @@ use std::fmt::Write as _;
 use controller::policy::{GainPoint, GainSchedule};
 use sim_host::plant::Medium;
 
-use super::body::{MASS_KG, Plane, STIFFNESS_KN_M};
-use super::flown::{authors_actor, identity, other_leg};
-use super::picture::{AUTHORS, Axis, COLORS, Mark, Panel, Sheet};
-use super::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
 use crate::evaluate::tracking::highest_speed_of;
+use crate::figures::picture::{AUTHORS, Axis, COLORS, Mark, Panel, Sheet};
+use crate::figures::study::body::{MASS_KG, Plane, STIFFNESS_KN_M};
+use crate::figures::study::flown::{authors_actor, identity, other_leg};
+use crate::figures::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
 use crate::policy::Frozen;
 
 /// What the paper reaches, and what its authors' agent does in an independent

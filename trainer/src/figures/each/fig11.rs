@@ -8,11 +8,11 @@ use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use sim_host::plant::{Apex, Medium};
 
-use super::body::Plane;
-use super::flown::{authors_actor, fly, identity, other_leg};
-use super::picture::{AUTHORS, Axis, COLORS, Mark, Panel, Sheet};
-use super::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
 use crate::evaluate::survival::{HOPS, draw_starts, survival};
+use crate::figures::picture::{AUTHORS, Axis, COLORS, Mark, Panel, Sheet};
+use crate::figures::study::body::Plane;
+use crate::figures::study::flown::{authors_actor, fly, identity, other_leg};
+use crate::figures::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
 use crate::policy::Frozen;
 
 /// Bodies of the lines: springs, N/m, at 80 kg; masses, kg, at 20,000 N/m.

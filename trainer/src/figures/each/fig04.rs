@@ -2,10 +2,10 @@
 
 use std::fmt::Write as _;
 
-use super::agents::Episode;
-use super::learning::{Cases, authors, full_share, quartiles};
-use super::picture::{AUTHORS, Axis, COLORS, Mark, Panel, Sheet};
-use super::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
+use crate::figures::agents::Episode;
+use crate::figures::picture::{AUTHORS, Axis, COLORS, Mark, Panel, Sheet};
+use crate::figures::study::learning::{Cases, authors, full_share, quartiles};
+use crate::figures::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
 
 /// Episodes that are counted.
 const EPISODES: usize = 1_000;

@@ -8,13 +8,13 @@ use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use sim_host::plant::Apex;
 
-use super::agents::Paper;
-use super::flown::{Flown, START, authors_actor, fly};
-use super::learning::quartiles;
-use super::picture::{AUTHORS, Axis, COLORS, Mark, Panel, Sheet};
-use super::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
 use crate::evaluate::hopper;
 use crate::evaluate::survival::draw_starts;
+use crate::figures::agents::Paper;
+use crate::figures::picture::{AUTHORS, Axis, COLORS, Mark, Panel, Sheet};
+use crate::figures::study::flown::{Flown, START, authors_actor, fly};
+use crate::figures::study::learning::quartiles;
+use crate::figures::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
 use crate::policy::Frozen;
 use crate::preset::{ACTION_HIGH, ACTION_LOW};
 

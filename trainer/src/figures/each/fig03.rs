@@ -2,10 +2,12 @@
 
 use std::fmt::Write as _;
 
-use super::agents::{Episode, Paper, cost_s};
-use super::learning::{Cases, WINDOW, authors, mean_reward, quartiles, smooth, spread};
-use super::picture::{AUTHORS, Axis, COLORS, INK, Mark, Panel, Sheet};
-use super::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
+use crate::figures::agents::{Episode, Paper, cost_s};
+use crate::figures::picture::{AUTHORS, Axis, COLORS, INK, Mark, Panel, Sheet};
+use crate::figures::study::learning::{
+    Cases, WINDOW, authors, mean_reward, quartiles, smooth, spread,
+};
+use crate::figures::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
 
 /// Episodes at either end of a training that are compared.
 const END: usize = 1_000;

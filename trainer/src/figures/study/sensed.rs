@@ -12,11 +12,10 @@ use sim_host::scenario::{DensitySense, Scenario, Settings, StartSettings};
 use sim_host::session::Ending;
 use sim_host::session::lock_step::{self, Options};
 
-use super::beyond::density;
 use super::flown::mean_and_swing;
-use super::picture::{Axis, COLORS, Mark, Panel};
-use super::{Claim, FiguresError, Verdict, Workshop};
 use crate::evaluate::DENSITIES;
+use crate::figures::picture::{Axis, COLORS, Mark, Panel};
+use crate::figures::{Claim, FiguresError, Verdict, Workshop};
 
 /// The speed asked for, m/s: at every density a gait has it.
 const ASKED_M_S: f64 = 0.5;
@@ -30,7 +29,7 @@ const SENSES: [(DensitySense, &str); 2] =
 
 /// What comes of a density, told or estimated, over some starts.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Sensed {
+pub(crate) struct Sensed {
     told: bool,
     rho: f64,
     runs: usize,
@@ -45,7 +44,7 @@ pub(super) struct Sensed {
 ///
 /// # Errors
 /// [`FiguresError`].
-pub(super) fn both(shop: &Workshop) -> Result<Vec<Sensed>, FiguresError> {
+pub(crate) fn both(shop: &Workshop) -> Result<Vec<Sensed>, FiguresError> {
     let starts: u64 = shop.extent.of(6, 2);
     let inputs = (SHIPPED, starts, RUN_S, ASKED_M_S);
     shop.part("sensed", &inputs, shop.extent.of(12.0, 4.0), || {
@@ -116,7 +115,7 @@ fn sum(all: &[Sensed], told: bool) -> (usize, usize, f64) {
     })
 }
 
-pub(super) fn words(all: &[Sensed]) -> String {
+pub(crate) fn words(all: &[Sensed]) -> String {
     let mut text = format!("Tick by tick at {ASKED_M_S} m/s, {RUN_S} s a run: ");
     for (told, name) in [(true, "told the density"), (false, "estimating it")] {
         let (falls, runs, error) = sum(all, told);
@@ -130,7 +129,7 @@ pub(super) fn words(all: &[Sensed]) -> String {
     text
 }
 
-pub(super) fn claim(all: &[Sensed]) -> Claim {
+pub(crate) fn claim(all: &[Sensed]) -> Claim {
     let [(told_falls, _, told), (falls, runs, estimated)] = [sum(all, true), sum(all, false)];
     let extra = of(all, true)
         .zip(of(all, false))
@@ -153,7 +152,7 @@ pub(super) fn claim(all: &[Sensed]) -> Claim {
 /// What is drawn: title, axis, value.
 type Kind = (&'static str, &'static str, fn(&Sensed) -> f64);
 
-pub(super) fn panels(all: &[Sensed]) -> Vec<Panel> {
+pub(crate) fn panels(all: &[Sensed]) -> Vec<Panel> {
     let kinds: [Kind; 2] = [
         ("error at 0.5 m/s, tick by tick", "error of the mean, m/s", |s| s.error_m_s),
         ("oscillation at 0.5 m/s, tick by tick", "oscillation, m/s", |s| s.swing_m_s),
@@ -172,8 +171,8 @@ pub(super) fn panels(all: &[Sensed]) -> Vec<Panel> {
         .collect()
 }
 
-/// Rows of the table of [`super::beyond`].
-pub(super) fn rows(all: &[Sensed]) -> String {
+/// Rows of the table that it is part of.
+pub(crate) fn rows(all: &[Sensed]) -> String {
     let mut csv = String::new();
     for sensed in all {
         let how = if sensed.told { "told" } else { "estimated" };
@@ -184,6 +183,11 @@ pub(super) fn rows(all: &[Sensed]) -> String {
         );
     }
     csv
+}
+
+/// The axis of densities.
+pub(crate) fn density() -> Axis {
+    Axis::new("density ratio", -0.02..1.02)
 }
 
 #[cfg(test)]

@@ -11,15 +11,15 @@ use sim_host::plant::{Hopper, Leg, Medium};
 
 use super::fig11::Basin;
 use super::fig12::gains;
-use super::flown::{authors_actor, identity};
-use super::picture::{AUTHORS, Axis, COLORS, Mark, Panel, Sheet};
-use super::sensed::{self, Sensed};
-use super::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
 use crate::evaluate::DENSITIES;
 use crate::evaluate::survival::{draw_starts, survival};
 use crate::evaluate::tracking::{
     SET_POINTS, STEADY_GAIT_M_S, Tracking, highest_speeds, tracking_table,
 };
+use crate::figures::picture::{AUTHORS, Axis, COLORS, Mark, Panel, Sheet};
+use crate::figures::study::flown::{authors_actor, identity};
+use crate::figures::study::sensed::{self, Sensed, density};
+use crate::figures::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
 use crate::policy::Frozen;
 
 /// What the paper reaches on land, m/s.
@@ -326,11 +326,6 @@ impl Found {
         }
         csv + &sensed::rows(&self.sensed)
     }
-}
-
-/// The axis of densities.
-pub(super) fn density() -> Axis {
-    Axis::new("density ratio", -0.02..1.02)
 }
 
 #[cfg(test)]
