@@ -131,19 +131,22 @@ fn provenance(shop: &Workshop, took: Duration) -> Vec<(String, String)> {
         Extent::Full => "full",
         Extent::Quick => "quick: coarser, and from fewer seeds; read the verdicts with care",
     };
-    vec![
+    let mut rows = vec![
         row("program", format!("trainer {}", env!("CARGO_PKG_VERSION"))),
         row("extent", extent.to_owned()),
         row(
             "the authors' data",
             match &shop.reference {
-                Some(_) => "found, and drawn beside ours".to_owned(),
+                Some(_) => "found (doi 10.5281/zenodo.4607469), and drawn beside ours".to_owned(),
                 None => "not found: the figures show ours alone".to_owned(),
             },
         ),
-        row("machine", machine()),
-        row("time", format!("{:.0} s, parts found from earlier runs included", took.as_secs_f64())),
-    ]
+    ];
+    rows.extend(shop.policies().into_iter().map(|(name, from)| (format!("policy: {name}"), from)));
+    rows.push(row("machine", machine()));
+    let time = format!("{:.0} s, less what was found from earlier runs", took.as_secs_f64());
+    rows.push(row("time", time));
+    rows
 }
 
 fn machine() -> String {

@@ -146,8 +146,26 @@ impl Workshop {
     pub fn transferred(&self) -> Result<Learnt, FiguresError> {
         let mut all = self.trainings(Paper::WaterToAir)?;
         all.sort_by(|a, b| last_reward(a).total_cmp(&last_reward(b)));
-        Ok(all.swap_remove(all.len() / 2))
+        let median = all.swap_remove(all.len() / 2);
+        let chosen =
+            format!("the median by mean reward of the last 1,000 episodes: {}", median.seed);
+        self.used("water, transferred", from(Paper::WaterToAir, &seeds(self.extent), &chosen));
+        Ok(median)
     }
+}
+
+/// Where an agent comes from, in words.
+pub(crate) fn from(agent: Paper, seeds: &std::ops::Range<u64>, chosen: &str) -> String {
+    let config = agent.preset().config();
+    let episodes: Vec<String> =
+        config.stages.iter().map(|s| s.length.count().to_string()).collect();
+    format!(
+        "preset `{}`, {} episodes, seeds {} to {}; {chosen}",
+        agent.name(),
+        episodes.join(" + "),
+        seeds.start,
+        seeds.end - 1
+    )
 }
 
 /// Mean reward of the last 1,000 episodes.

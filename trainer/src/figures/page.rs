@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::{Claim, Figure, Made};
+use super::{Claim, Figure, Made, Verdict};
 
 const STYLE: &str = "\
 body{max-width:1040px;margin:2em auto;padding:0 1em;font:16px/1.5 system-ui,sans-serif;color:#262c38}\
@@ -12,6 +12,7 @@ table{border-collapse:collapse;width:100%;font-size:.92em}\
 td,th{border-bottom:1px solid #e2e5ec;padding:.35em .6em;text-align:left;vertical-align:top}\
 .holds{color:#12725f;font-weight:600}.in-part{color:#a06a00;font-weight:600}\
 .fails{color:#b3361b;font-weight:600}\
+td[class]{white-space:nowrap}\
 .paper{color:#5a606c}pre{background:#f5f6f9;padding:.8em;overflow:auto;font-size:.85em}";
 
 /// A row of the provenance: what, and from where.
@@ -30,35 +31,9 @@ pub fn page(figures: &[(&dyn Figure, &Made)], provenance: &[Provenance]) -> Stri
              <p>Every figure below comes from this repository's own plant, trainer and controller; \
              where the authors' published data is at hand (doi 10.5281/zenodo.4607469), it is drawn \
              beside ours. Each claim of the paper is put to the test.</p>";
-    html += "<h2>Claims</h2><table><tr><th>figure</th><th>the paper says</th><th>measured</th>\
-             <th>verdict</th></tr>";
+    overview(&mut html, figures);
     for (figure, made) in figures {
-        for Claim { says, measured, verdict } in &made.claims {
-            let _ = write!(
-                html,
-                "<tr><td><a href=\"#{0}\">{0}</a></td><td>{1}</td><td>{2}</td>\
-                 <td class=\"{3}\">{4}</td></tr>",
-                figure.id(),
-                escape(says),
-                escape(measured),
-                class(verdict.words()),
-                verdict.words(),
-            );
-        }
-    }
-    html += "</table>";
-    for (figure, made) in figures {
-        let _ = write!(
-            html,
-            "<h2 id=\"{0}\">{1}</h2><p class=\"paper\">The paper: {2}</p><p>Measured: {3}</p>\
-             <figure style=\"margin:0\">{4}</figure><p><a href=\"{0}.svg\">{0}.svg</a>, \
-             <a href=\"{0}.csv\">{0}.csv</a></p>",
-            figure.id(),
-            escape(figure.title()),
-            escape(figure.paper()),
-            escape(&made.measured),
-            made.svg,
-        );
+        section(&mut html, *figure, made);
     }
     html += "<h2>Where it comes from</h2><table>";
     for (what, value) in provenance {
@@ -66,6 +41,59 @@ pub fn page(figures: &[(&dyn Figure, &Made)], provenance: &[Provenance]) -> Stri
     }
     html += "</table></body></html>\n";
     html
+}
+
+/// Every claim and its verdict.
+fn overview(html: &mut String, figures: &[(&dyn Figure, &Made)]) {
+    let verdicts = figures.iter().flat_map(|(_, made)| &made.claims).map(|claim| claim.verdict);
+    let (mut holds, mut all) = (0, 0);
+    for verdict in verdicts {
+        all += 1;
+        holds += usize::from(verdict == Verdict::Holds);
+    }
+    let _ = write!(html, "<h2>{holds} of {all} claims hold</h2><table>");
+    for (figure, made) in figures {
+        for Claim { says, verdict, .. } in &made.claims {
+            let _ = write!(
+                html,
+                "<tr><td><a href=\"#{0}\">{0}</a></td><td>{1}</td><td class=\"{2}\">{3}</td></tr>",
+                figure.id(),
+                escape(says),
+                class(verdict.words()),
+                verdict.words(),
+            );
+        }
+    }
+    *html += "</table>";
+}
+
+/// A figure: what the paper says, what was measured, whether it holds.
+fn section(html: &mut String, figure: &dyn Figure, made: &Made) {
+    let _ = write!(
+        html,
+        "<h2 id=\"{0}\">{1}</h2><p class=\"paper\">The paper: {2}</p><p>Measured: {3}</p>\
+         <figure style=\"margin:0\">{4}</figure><table>",
+        figure.id(),
+        escape(figure.title()),
+        escape(figure.paper()),
+        escape(&made.measured),
+        made.svg,
+    );
+    for Claim { says, measured, verdict } in &made.claims {
+        let _ = write!(
+            html,
+            "<tr><td>{}</td><td>{}</td><td class=\"{}\">{}</td></tr>",
+            escape(says),
+            escape(measured),
+            class(verdict.words()),
+            verdict.words(),
+        );
+    }
+    let _ = write!(
+        html,
+        "</table><p><a href=\"{0}.svg\">{0}.svg</a>, <a href=\"{0}.csv\">{0}.csv</a></p>",
+        figure.id()
+    );
 }
 
 fn class(words: &str) -> &'static str {

@@ -1,8 +1,9 @@
 //! What figures are made with: parts kept on disk, agents, the authors' data.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use indicatif::ProgressBar;
 use serde::Serialize;
@@ -79,8 +80,10 @@ pub struct Workshop {
     pub reference: Option<Reference>,
     parts: PathBuf,
     bar: ProgressBar,
-    /// Work done, s, and that of it which was found on disk.
+    /// Work done, s.
     spent: Mutex<f64>,
+    /// Which policies were used, by what they are called.
+    policies: Mutex<BTreeMap<String, String>>,
 }
 
 impl Workshop {
@@ -97,7 +100,8 @@ impl Workshop {
         let parts = parts.to_owned();
         fs::create_dir_all(&parts)
             .map_err(|cause| FiguresError::Write { path: parts.clone(), cause })?;
-        Ok(Self { extent, reference, parts, bar, spent: Mutex::new(0.0) })
+        let (spent, policies) = (Mutex::default(), Mutex::default());
+        Ok(Self { extent, reference, parts, bar, spent, policies })
     }
 
     /// A part of a figure: made once, then read from disk for as long as it is
@@ -129,9 +133,20 @@ impl Workshop {
         Ok(part)
     }
 
+    /// Says that a policy was used, and where it comes from.
+    pub fn used(&self, name: &str, from: String) {
+        locked(&self.policies).insert(name.to_owned(), from);
+    }
+
+    /// Every policy that was used, with where it comes from.
+    #[must_use]
+    pub fn policies(&self) -> Vec<(String, String)> {
+        locked(&self.policies).clone().into_iter().collect()
+    }
+
     /// Says that this much of the work is behind us, s.
     fn advance(&self, cost_s: f64) {
-        let mut spent = self.spent.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let mut spent = locked(&self.spent);
         *spent += cost_s;
         self.bar.set_position((*spent * UNITS_PER_S) as u64);
     }
@@ -139,7 +154,7 @@ impl Workshop {
     /// Says that all of a figure is behind us, when those before it took
     /// `until_s` with it.
     pub fn reached(&self, until_s: f64) {
-        let mut spent = self.spent.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let mut spent = locked(&self.spent);
         *spent = until_s;
         self.bar.set_position((*spent * UNITS_PER_S) as u64);
     }
@@ -149,6 +164,10 @@ impl Workshop {
     pub fn units(cost_s: f64) -> u64 {
         (cost_s * UNITS_PER_S) as u64
     }
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// FNV-1a, 64 bits: names, not secrets.

@@ -55,6 +55,16 @@ impl Figure for Beyond {
             actor: Frozen::from(&policy),
             gains: policy.manifest().gains.clone(),
         };
+        let origin = &policy.manifest().provenance;
+        let from = format!(
+            "CRC-32 {:08x}, preset `{}`, seed {}, {} steps, trainer {}",
+            policy.crc32(),
+            origin.preset,
+            origin.seed,
+            origin.steps,
+            origin.trainer_version
+        );
+        shop.used("shipped", from);
         let transferred =
             Agent { name: "transferred", actor: shop.transferred()?.actor(), gains: gains() };
         let theirs = authors_actor(shop.reference.as_ref(), "water_to_air")?.map(|actor| Agent {

@@ -10,7 +10,7 @@ use sim_host::plant::Apex;
 
 use crate::evaluate::hopper;
 use crate::evaluate::survival::draw_starts;
-use crate::figures::agents::Paper;
+use crate::figures::agents::{Paper, from};
 use crate::figures::picture::{AUTHORS, Axis, COLORS, Mark, Panel, Sheet};
 use crate::figures::study::flown::{Flown, START, authors_actor, fly};
 use crate::figures::study::learning::quartiles;
@@ -64,6 +64,8 @@ impl Figure for Fig07 {
     fn make(&self, shop: &Workshop) -> Result<Made, FiguresError> {
         let transferred = shop.transferred()?;
         let air = shop.training(Paper::Air, transferred.seed)?;
+        let seeds = transferred.seed..transferred.seed + 1;
+        shop.used("air alone", from(Paper::Air, &seeds, "the transferred agent's"));
         let theirs = |agent| authors_actor(shop.reference.as_ref(), agent);
         let cases = [
             Case::new("water", 1.0, transferred.actor_after(0), theirs("water")?),

@@ -4,10 +4,11 @@ use std::fmt::Write as _;
 
 use controller::actor::Actor;
 use controller::policy::GainPoint;
+use rayon::prelude::*;
 use sim_host::plant::{Action, Apex, Body, EventKind, Flat, Leg, LegCommand, Medium, TickPlant};
 
 use crate::evaluate::hopper;
-use crate::figures::agents::{Learnt, Paper, last_reward};
+use crate::figures::agents::{Learnt, Paper, from};
 use crate::figures::picture::{Axis, COLORS, INK, Mark, Panel, Sheet};
 use crate::figures::study::flown::{follow, mean_and_swing};
 use crate::figures::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
@@ -29,6 +30,8 @@ const FEED_FORWARD: [f32; 4] = [0.0, 0.5, 1.0, 1.5];
 const SAME_DEG: f64 = 2.0;
 /// Gaits nearer to the speed asked for than this have it, m/s.
 const NEAR_M_S: f64 = 0.1;
+/// What a fall counts as, when seeds are compared, m/s.
+const FALLS_M_S: f64 = 1e3;
 const MEDIA: [(&str, Medium); 2] = [("air", Medium::AIR), ("water", Medium::WATER)];
 
 pub(super) struct Fig13;
@@ -54,15 +57,19 @@ impl Figure for Fig13 {
     }
 
     fn make(&self, shop: &Workshop) -> Result<Made, FiguresError> {
-        let learnt = universal(shop)?;
-        let frozen = learnt.actor();
-        let gaits = MEDIA.map(|(_, medium)| Gait::best(&frozen.actor(), medium));
+        let tried = every_seed(shop)?;
+        let goes = [0, 1].map(|i| tried.iter().filter(|seed| seed.goes_in(i)).count());
+        let count = tried.len();
+        let both = tried.iter().filter(|seed| seed.goes_in(0) && seed.goes_in(1)).count();
+        let Seed { seed, gaits } = tried.into_iter().next().expect("at least one seed");
+        let chosen = format!("the one that comes nearest to the speed asked for: {seed}");
+        shop.used("universal", from(Paper::Universal, &seeds(shop.extent), &chosen));
         let mut measured = format!(
-            "The median of {} seeds, {}; in each medium the gains that come nearest to 1 m/s after \
-             {HOPS} hops, from rest at 2 m. Angles are of the line from foot to mass, from the \
-             direction of travel; over 90 deg the foot is ahead.",
-            seeds(shop.extent).count(),
-            learnt.seed,
+            "{count} seeds; in each medium the gains that come nearest to 1 m/s after {HOPS} hops, \
+             from rest at 2 m. {} of the seeds come within {NEAR_M_S} m/s in air, {} in water, \
+             {both} in both. Seed {seed} comes nearest and is drawn. Angles are of the line from \
+             foot to mass, from the direction of travel; over 90 deg the foot is ahead.",
+            goes[0], goes[1],
         );
         for ((medium, _), gait) in MEDIA.iter().zip(&gaits) {
             let _ = match gait {
@@ -70,7 +77,7 @@ impl Figure for Fig13 {
                 None => write!(measured, " In {medium} it falls under all gains that were tried."),
             };
         }
-        let claims = claims(gaits.each_ref().map(Option::as_ref));
+        let claims = claims(gaits.each_ref().map(Option::as_ref), [both, count]);
         Ok(Made { svg: draw(&gaits)?, csv: table(&gaits), measured, claims })
     }
 }
@@ -79,18 +86,39 @@ fn seeds(extent: Extent) -> std::ops::Range<u64> {
     0..extent.of(9, 3)
 }
 
-/// The universal controller that stands for all: that of the median seed, by the
-/// mean reward of its last 1,000 episodes.
-fn universal(shop: &Workshop) -> Result<Learnt, FiguresError> {
-    use rayon::prelude::*;
+/// A universal controller, and its gait in each of [`MEDIA`].
+struct Seed {
+    seed: u64,
+    gaits: [Option<Gait>; 2],
+}
+
+impl Seed {
+    fn of(learnt: &Learnt) -> Self {
+        let frozen = learnt.actor();
+        let gaits = MEDIA.map(|(_, medium)| Gait::best(&frozen.actor(), medium));
+        Self { seed: learnt.seed, gaits }
+    }
+
+    fn goes_in(&self, medium: usize) -> bool {
+        self.gaits[medium].as_ref().is_some_and(|gait| gait.misses_by() <= NEAR_M_S)
+    }
+
+    /// By how much it misses the speed asked for, m/s, over both media.
+    fn misses_by(&self) -> f64 {
+        self.gaits.iter().map(|gait| gait.as_ref().map_or(FALLS_M_S, Gait::misses_by)).sum()
+    }
+}
+
+/// Every seed's, the one that comes nearest to the speed asked for first.
+fn every_seed(shop: &Workshop) -> Result<Vec<Seed>, FiguresError> {
     let mut all = seeds(shop.extent)
         .collect::<Vec<_>>()
         .into_par_iter()
         .with_max_len(1)
-        .map(|seed| shop.training(Paper::Universal, seed))
-        .collect::<Result<Vec<Learnt>, _>>()?;
-    all.sort_by(|a, b| last_reward(a).total_cmp(&last_reward(b)));
-    Ok(all.swap_remove(all.len() / 2))
+        .map(|seed| shop.training(Paper::Universal, seed).map(|learnt| Seed::of(&learnt)))
+        .collect::<Result<Vec<_>, _>>()?;
+    all.sort_by(|a, b| a.misses_by().total_cmp(&b.misses_by()));
+    Ok(all)
 }
 
 /// A gait after convergence.
@@ -228,7 +256,7 @@ fn stride(x_m: f64, apex: Apex, action: Action, medium: Medium) -> Option<Stride
     None
 }
 
-fn claims([air, water]: [Option<&Gait>; 2]) -> Vec<Claim> {
+fn claims([air, water]: [Option<&Gait>; 2], [both, seeds]: [usize; 2]) -> Vec<Claim> {
     let says = "One controller goes at 1 m/s in air and in water";
     let speed = |gait: Option<&Gait>| match gait {
         Some(gait) => format!("{:.3} +- {:.3} m/s", gait.mean_vx_m_s, gait.swing_m_s),
@@ -237,8 +265,16 @@ fn claims([air, water]: [Option<&Gait>; 2]) -> Vec<Claim> {
     let goes = [air, water].iter().flatten().filter(|gait| gait.misses_by() <= NEAR_M_S).count();
     let both = Claim::new(
         says,
-        format!("in air {}, in water {}", speed(air), speed(water)),
-        [Verdict::Fails, Verdict::InPart, Verdict::Holds][goes],
+        format!(
+            "the best of {seeds} seeds: in air {}, in water {}; {both} of the seeds go in both",
+            speed(air),
+            speed(water)
+        ),
+        match goes {
+            2 if both == seeds => Verdict::Holds,
+            0 => Verdict::Fails,
+            _ => Verdict::InPart,
+        },
     );
     let angles = |gait: &Gait| {
         let [touchdown, liftoff] = gait.angles_deg();
@@ -279,11 +315,11 @@ fn draw(gaits: &[Option<Gait>; 2]) -> Result<String, FiguresError> {
             marks.push(line(leg(hop.touchdown_m), COLORS[1], touchdown));
             marks.push(line(leg(hop.liftoff_m), COLORS[2], liftoff));
         }
-        let x: Vec<f64> = points.iter().map(|p| p[0]).collect();
-        let y = Axis::around("height, m", points.iter().map(|p| p[1]).chain([0.0]));
-        let (low, high) = (Axis::around("", x.iter().copied()).range, y.range.clone());
+        // A metre each way also where there is nothing to draw.
+        let x = Axis::around("way, m", points.iter().map(|p| p[0]).chain([0.0, 1.0]));
+        let y = Axis::around("height, m", points.iter().map(|p| p[1]).chain([0.0, 1.0]));
         marks.push(Mark::Line {
-            points: vec![(low.start, 0.0), (low.end, 0.0)],
+            points: vec![(x.range.start, 0.0), (x.range.end, 0.0)],
             color: INK,
             dashed: false,
             label: None,
@@ -292,7 +328,7 @@ fn draw(gaits: &[Option<Gait>; 2]) -> Result<String, FiguresError> {
             Some(_) => (*medium).to_owned(),
             None => format!("{medium}: it falls"),
         };
-        Panel { title, x: Axis::new("way, m", low), y: Axis { range: high, ..y }, marks }
+        Panel { title, x, y, marks }
     });
     let sheet = Sheet {
         title: "Figure 13. Gaits of the universal controller at 1 m/s".into(),
@@ -338,7 +374,7 @@ mod tests {
     #[test]
     fn claims_are_judged_by_the_angles() {
         let verdicts = |air: Option<&Gait>, water: Option<&Gait>| -> Vec<Verdict> {
-            claims([air, water]).into_iter().map(|claim| claim.verdict).collect()
+            claims([air, water], [2, 2]).into_iter().map(|claim| claim.verdict).collect()
         };
         let (even, behind) = (gait([97.0, 83.5], 1.0), gait([88.0, 60.0], 1.05));
         assert_eq!(verdicts(Some(&even), Some(&behind)), [Verdict::Holds; 3]);
