@@ -1,6 +1,7 @@
 //! What the end-to-end tests and the repository's own commands share.
 
 pub mod board;
+pub mod browser;
 pub mod emulator;
 
 use std::path::PathBuf;

@@ -262,6 +262,16 @@ pub enum Length {
     Steps(u64),
 }
 
+impl Length {
+    /// Of whatever it is counted in.
+    #[must_use]
+    pub fn count(self) -> u64 {
+        match self {
+            Self::Episodes(n) | Self::Steps(n) => n,
+        }
+    }
+}
+
 /// Which actor is kept.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

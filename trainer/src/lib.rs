@@ -11,6 +11,7 @@ pub mod ddpg;
 pub mod environment;
 pub mod evaluate;
 pub mod explore;
+pub mod figures;
 pub mod finish;
 mod lines;
 pub mod net;

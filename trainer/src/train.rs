@@ -187,6 +187,12 @@ impl Training {
         }
     }
 
+    /// Stages that are done.
+    #[must_use]
+    pub fn stages_done(&self) -> usize {
+        self.stage
+    }
+
     /// Share of all stages done, from 0 to 1, each stage weighing alike.
     #[must_use]
     pub fn share_done(&self) -> f64 {

@@ -9,8 +9,11 @@ const TARGETS: [&str; 3] =
     ["thumbv7em-none-eabihf", "thumbv6m-none-eabi", "riscv32imac-unknown-none-elf"];
 
 /// Programs, each with the Debian package that has it.
-const PROGRAMS: [(&str, &str); 2] =
-    [("qemu-system-arm", "qemu-system-arm"), ("arm-none-eabi-objdump", "binutils-arm-none-eabi")];
+const PROGRAMS: [(&str, &str); 3] = [
+    ("qemu-system-arm", "qemu-system-arm"),
+    ("arm-none-eabi-objdump", "binutils-arm-none-eabi"),
+    ("chromium", "chromium"),
+];
 
 /// Installs what is missing.
 pub(crate) fn run() -> Result<()> {
@@ -37,11 +40,20 @@ fn rust() -> Result<()> {
     Ok(())
 }
 
-/// The emulator, and the ARM binutils that disassemble what runs on it.
+fn is_there(program: &str) -> bool {
+    match program {
+        // It goes by several names.
+        "chromium" => tests::browser::installed().is_some(),
+        program => output_of(program, &["--version"]).is_some(),
+    }
+}
+
+/// The emulator, the ARM binutils that disassemble what runs on it, and the
+/// browser that reports are looked at with.
 pub(crate) fn programs() -> Result<()> {
     let missing: Vec<_> = PROGRAMS
         .iter()
-        .filter(|(program, _)| output_of(program, &["--version"]).is_none())
+        .filter(|(program, _)| !is_there(program))
         .map(|(_, package)| *package)
         .collect();
     if missing.is_empty() {

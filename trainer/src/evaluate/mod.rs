@@ -31,6 +31,20 @@ pub fn hopper(density_ratio: f64) -> Hopper {
     Hopper::new(&Leg::human(), medium)
 }
 
+/// What the actor does at an apex, its observed velocity less by `offset_m_s`.
+#[must_use]
+pub fn act(actor: &Actor<'_>, density_ratio: f64, apex: Apex, offset_m_s: f32) -> Action {
+    let action = actor.act(Observation {
+        apex_vx_m_s: apex.vx_m_s as f32 - offset_m_s,
+        apex_y_m: apex.y_m as f32,
+        density_ratio: density_ratio as f32,
+    });
+    Action {
+        alpha_rad: f64::from(action.touchdown_angle_rad),
+        rs_m_s: f64::from(action.elongation_speed_m_s),
+    }
+}
+
 /// One hop of the actor, whose observed velocity is less by `offset_m_s`.
 #[must_use]
 pub fn hop(
@@ -40,14 +54,5 @@ pub fn hop(
     apex: Apex,
     offset_m_s: f32,
 ) -> Option<Apex> {
-    let action = actor.act(Observation {
-        apex_vx_m_s: apex.vx_m_s as f32 - offset_m_s,
-        apex_y_m: apex.y_m as f32,
-        density_ratio: density_ratio as f32,
-    });
-    let action = Action {
-        alpha_rad: f64::from(action.touchdown_angle_rad),
-        rs_m_s: f64::from(action.elongation_speed_m_s),
-    };
-    hopper.hop(apex, action).outcome.next()
+    hopper.hop(apex, act(actor, density_ratio, apex, offset_m_s)).outcome.next()
 }

@@ -6,7 +6,7 @@ use controller::policy::GainSchedule;
 use controller::velocity::{Cascade, gains_at};
 use rayon::prelude::*;
 use serde::Serialize;
-use sim_host::plant::Apex;
+use sim_host::plant::{Apex, Hopper};
 
 /// Set-points, m/s.
 pub const SET_POINTS: [f64; 6] = [-2.0, -1.0, -0.5, 0.5, 1.0, 2.0];
@@ -31,7 +31,7 @@ pub const GIVEN_UP_M_S: f64 = 10.0;
 /// Highest speed, m/s, of a steady gait with every apex at or above 1 m, by density:
 /// found by a search over the touchdown angle alpha and the elongation speed rs for
 /// period-1 gaits of the plant, independent of any agent; lower bounds.
-const STEADY_GAIT_M_S: [(f64, f64); 8] = [
+pub const STEADY_GAIT_M_S: [(f64, f64); 8] = [
     (0.0, 16.0),
     (0.05, 6.7),
     (0.1, 5.1),
@@ -121,7 +121,12 @@ pub fn tracking_table(actor: &Actor<'_>, gains: &GainSchedule) -> Vec<Tracking> 
 /// highest mean over 10 whole hops counts, as far as it was asked for.
 #[must_use]
 pub fn highest_speed(actor: &Actor<'_>, gains: &GainSchedule, rho: f64) -> f64 {
-    let hopper = hopper(rho);
+    highest_speed_of(actor, gains, rho, &hopper(rho))
+}
+
+/// [`highest_speed`] of another leg, or in another world.
+#[must_use]
+pub fn highest_speed_of(actor: &Actor<'_>, gains: &GainSchedule, rho: f64, hopper: &Hopper) -> f64 {
     let mut cascade = Cascade::new();
     let mut apex = START;
     let mut best: f64 = 0.0;
@@ -130,7 +135,7 @@ pub fn highest_speed(actor: &Actor<'_>, gains: &GainSchedule, rho: f64) -> f64 {
         let mut sum = 0.0;
         for _ in 0..RAMP_HOPS {
             let u = cascade.update(&gains_at(gains, rho as f32), target as f32, apex.vx_m_s as f32);
-            let Some(next) = hop(actor, &hopper, rho, apex, u) else { return best };
+            let Some(next) = hop(actor, hopper, rho, apex, u) else { return best };
             apex = next;
             sum += apex.vx_m_s;
         }

@@ -1,0 +1,109 @@
+//! The report: one page that needs nothing beside it.
+
+use std::fmt::Write as _;
+
+use super::{Claim, Figure, Made, Verdict};
+
+const STYLE: &str = "\
+body{max-width:1040px;margin:2em auto;padding:0 1em;font:16px/1.5 system-ui,sans-serif;color:#262c38}\
+h1{font-size:1.7em}h2{font-size:1.25em;margin-top:2.2em}\
+svg{width:100%;height:auto;border:1px solid #e2e5ec;border-radius:6px}\
+table{border-collapse:collapse;width:100%;font-size:.92em}\
+td,th{border-bottom:1px solid #e2e5ec;padding:.35em .6em;text-align:left;vertical-align:top}\
+.holds{color:#12725f;font-weight:600}.in-part{color:#a06a00;font-weight:600}\
+.fails{color:#b3361b;font-weight:600}\
+td[class]{white-space:nowrap}\
+.paper{color:#5a606c}pre{background:#f5f6f9;padding:.8em;overflow:auto;font-size:.85em}";
+
+/// A row of the provenance: what, and from where.
+pub(super) type Provenance = (String, String);
+
+/// The page, as HTML.
+#[must_use]
+pub fn page(figures: &[(&dyn Figure, &Made)], provenance: &[Provenance]) -> String {
+    let mut html = String::from(
+        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+         <meta name=\"viewport\" content=\"width=device-width\">\
+         <link rel=\"icon\" href=\"data:,\"><title>Learning to stop: the figures</title>",
+    );
+    let _ = write!(html, "<style>{STYLE}</style></head><body>");
+    html += "<h1>Learning to stop: the paper's figures, computed anew</h1>\
+             <p>Every figure below comes from this repository's own plant, trainer and controller; \
+             where the authors' published data is at hand (doi 10.5281/zenodo.4607469), it is drawn \
+             beside ours. Each claim of the paper is put to the test.</p>";
+    overview(&mut html, figures);
+    for (figure, made) in figures {
+        section(&mut html, *figure, made);
+    }
+    html += "<h2>Where it comes from</h2><table>";
+    for (what, value) in provenance {
+        let _ = write!(html, "<tr><td>{}</td><td>{}</td></tr>", escape(what), escape(value));
+    }
+    html += "</table></body></html>\n";
+    html
+}
+
+/// Every claim and its verdict.
+fn overview(html: &mut String, figures: &[(&dyn Figure, &Made)]) {
+    let verdicts = figures.iter().flat_map(|(_, made)| &made.claims).map(|claim| claim.verdict);
+    let (mut holds, mut all) = (0, 0);
+    for verdict in verdicts {
+        all += 1;
+        holds += usize::from(verdict == Verdict::Holds);
+    }
+    let _ = write!(html, "<h2>{holds} of {all} claims hold</h2><table>");
+    for (figure, made) in figures {
+        for Claim { says, verdict, .. } in &made.claims {
+            let _ = write!(
+                html,
+                "<tr><td><a href=\"#{0}\">{0}</a></td><td>{1}</td><td class=\"{2}\">{3}</td></tr>",
+                figure.id(),
+                escape(says),
+                class(verdict.words()),
+                verdict.words(),
+            );
+        }
+    }
+    *html += "</table>";
+}
+
+/// A figure: what the paper says, what was measured, whether it holds.
+fn section(html: &mut String, figure: &dyn Figure, made: &Made) {
+    let _ = write!(
+        html,
+        "<h2 id=\"{0}\">{1}</h2><p class=\"paper\">The paper: {2}</p><p>Measured: {3}</p>\
+         <figure style=\"margin:0\">{4}</figure><table>",
+        figure.id(),
+        escape(figure.title()),
+        escape(figure.paper()),
+        escape(&made.measured),
+        made.svg,
+    );
+    for Claim { says, measured, verdict } in &made.claims {
+        let _ = write!(
+            html,
+            "<tr><td>{}</td><td>{}</td><td class=\"{}\">{}</td></tr>",
+            escape(says),
+            escape(measured),
+            class(verdict.words()),
+            verdict.words(),
+        );
+    }
+    let _ = write!(
+        html,
+        "</table><p><a href=\"{0}.svg\">{0}.svg</a>, <a href=\"{0}.csv\">{0}.csv</a></p>",
+        figure.id()
+    );
+}
+
+fn class(words: &str) -> &'static str {
+    match words {
+        "holds" => "holds",
+        "holds in part" => "in-part",
+        _ => "fails",
+    }
+}
+
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
