@@ -15,7 +15,9 @@ pub fn root() -> PathBuf {
 }
 
 /// One of the workspace's programs, built first (once a test process), in the
-/// profile of the tests.
+/// profile of the tests. It is built as the whole suite builds it, with the
+/// features that the tests' own dependencies bring: in any other way, nearly
+/// everything would be built a second time.
 #[must_use]
 pub fn program(name: &str) -> Command {
     static FOLDER: OnceLock<PathBuf> = OnceLock::new();
@@ -23,7 +25,7 @@ pub fn program(name: &str) -> Command {
         let this = std::env::current_exe().expect("the path of this test");
         let folder = this.parent().and_then(|deps| deps.parent()).expect("target/PROFILE/deps");
         let mut build = Command::new(env!("CARGO"));
-        build.args(["build", "--quiet", "--workspace", "--all-features", "--bins"]);
+        build.args(["test", "--no-run", "--quiet", "--workspace", "--all-features"]);
         if folder.ends_with("release") {
             build.arg("--release");
         }

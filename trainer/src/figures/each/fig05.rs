@@ -163,7 +163,8 @@ mod tests {
             [0.99; 4],
         );
         for claim in [dense, together, smooth, by_angle] {
-            assert_eq!(claim(&[so.clone()]).verdict, Verdict::Holds, "{:?}", claim(&[so.clone()]));
+            let claim = claim(std::slice::from_ref(&so));
+            assert_eq!(claim.verdict, Verdict::Holds, "{claim:?}");
         }
         let reverse = transition(
             look(0.1, 3.0, 0.6, 0.2),
@@ -172,7 +173,7 @@ mod tests {
             [0.99, 0.99, 0.99, 0.2],
         );
         for claim in [dense, together, smooth, by_angle] {
-            assert_eq!(claim(&[reverse.clone()]).verdict, Verdict::Fails);
+            assert_eq!(claim(std::slice::from_ref(&reverse)).verdict, Verdict::Fails);
         }
         assert!(smooth(&[reverse]).measured.contains("0 of 1 starts"));
     }
