@@ -15,7 +15,7 @@ const HOPS: usize = 100;
 /// Of which the last are judged.
 const JUDGED: usize = 20;
 /// Where every run starts.
-const START: Apex = Apex { vx_m_s: 0.0, y_m: 2.0 };
+pub const START: Apex = Apex { vx_m_s: 0.0, y_m: 2.0 };
 /// Largest error of the mean, and largest oscillation, relative to the set-point.
 const MOST_ERROR: f64 = 0.02;
 const MOST_OSCILLATION: f64 = 0.05;

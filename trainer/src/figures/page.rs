@@ -74,7 +74,7 @@ fn section(html: &mut String, figure: &dyn Figure, made: &Made) {
         "<h2 id=\"{0}\">{1}</h2><p class=\"paper\">The paper: {2}</p><p>Measured: {3}</p>\
          <figure style=\"margin:0\">{4}</figure><table>",
         figure.id(),
-        escape(figure.title()),
+        escape(&heading(figure)),
         escape(figure.paper()),
         escape(&made.measured),
         made.svg,
@@ -94,6 +94,13 @@ fn section(html: &mut String, figure: &dyn Figure, made: &Made) {
         "</table><p><a href=\"{0}.svg\">{0}.svg</a>, <a href=\"{0}.csv\">{0}.csv</a></p>",
         figure.id()
     );
+}
+
+fn heading(figure: &dyn Figure) -> String {
+    match figure.id().strip_prefix("fig") {
+        Some(number) => format!("Figure {}. {}", number.trim_start_matches('0'), figure.title()),
+        None => figure.title().to_owned(),
+    }
 }
 
 fn class(words: &str) -> &'static str {

@@ -214,7 +214,9 @@ impl Sheet {
         }
         let drawn = format!("width=\"{}\" height=\"{}\"", size.0, size.1);
         let shown = format!("width=\"{}\" height=\"{height}\"", Self::WIDTH_PX);
-        Ok(svg.replacen(&drawn, &shown, 1))
+        let svg = svg.replacen(&drawn, &shown, 1);
+        // Cells side by side would let the ground shine through between them.
+        Ok(svg.replacen('>', "><style>rect{shape-rendering:crispEdges}</style>", 1))
     }
 }
 
@@ -246,6 +248,7 @@ impl Panel {
         let mut chart = ChartBuilder::on(&body)
             .margin_top(px(6))
             .margin_right(px(14))
+            .margin_bottom(px(8))
             .x_label_area_size(px(38))
             .y_label_area_size(px(LEFT_PX))
             .build_cartesian_2d(self.x.range.clone(), self.y.range.clone())?;

@@ -65,8 +65,11 @@ impl Figure for Beyond {
             origin.trainer_version
         );
         shop.used("shipped", from);
-        let transferred =
-            Agent { name: "transferred", actor: shop.transferred()?.actor(), gains: gains() };
+        let transferred = Agent {
+            name: "transferred",
+            actor: shop.transferred()?.shown().actor(),
+            gains: gains(),
+        };
         let theirs = authors_actor(shop.reference.as_ref(), "water_to_air")?.map(|actor| Agent {
             name: "authors",
             actor,

@@ -12,6 +12,7 @@ use crate::evaluate::survival::{HOPS, draw_starts, survival};
 use crate::figures::picture::{AUTHORS, Axis, COLORS, Mark, Panel, Sheet};
 use crate::figures::study::body::Plane;
 use crate::figures::study::flown::{authors_actor, fly, identity, other_leg};
+use crate::figures::study::learning::quartiles;
 use crate::figures::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
 use crate::policy::Frozen;
 
@@ -51,21 +52,29 @@ impl Figure for Fig11 {
 
     fn make(&self, shop: &Workshop) -> Result<Made, FiguresError> {
         let transferred = shop.transferred()?;
-        let ours = Basin::of(shop, "basin-ours", &transferred.actor())?;
+        let ours = Basin::of(shop, "basin-ours", &transferred.shown().actor())?;
         let theirs = authors_actor(shop.reference.as_ref(), "water_to_air")?;
         let theirs = theirs.map(|actor| Basin::of(shop, "basin-authors", &actor)).transpose()?;
         let at_home = at(&ours.by_mass[0], 80.0);
         let mut measured = format!(
-            "The median seed, {}; {} starts a body, drawn as in training, every apex at or above \
-             1 m. At home {at_home:.3} on land and {:.3} in water. In water a leg lighter than the \
-             62.4 kg of water that it displaces floats.",
-            transferred.seed,
+            "Seed {}, which of {} hops on from most starts in water and on land; {} starts a body, drawn as in \
+             training, every apex at or above 1 m. At home {at_home:.3} on land and {:.3} in water. \
+             In water a leg lighter than the 62.4 kg of water that it displaces floats.",
+            transferred.shown().seed,
+            transferred.all.len(),
             starts_a_body(shop.extent),
             at(&ours.by_mass[1], 80.0),
         );
         if let Some(theirs) = &theirs {
             let _ = write!(measured, " The authors' agent on land: {}.", theirs.list());
         }
+        let mut shares = transferred.on_land.clone();
+        let [low, median, high] = quartiles(&mut shares);
+        let _ = write!(
+            measured,
+            " Over the seeds, the share that takes 60 hops at home on land has the quartiles \
+             {low:.3}, {median:.3} and {high:.3}."
+        );
         let mut claims = vec![drastic(&ours), softer(&ours)];
         if let Some(theirs) = &theirs {
             let home = at(&theirs.by_mass[0], 80.0);

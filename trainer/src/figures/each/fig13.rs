@@ -53,15 +53,18 @@ impl Figure for Fig13 {
 
     fn cost_s(&self, extent: Extent) -> f64 {
         // Universal trainings take twice the steps an episode.
-        3.0 * seeds(extent).count() as f64
+        0.8 * seeds(extent).count() as f64
     }
 
     fn make(&self, shop: &Workshop) -> Result<Made, FiguresError> {
         let tried = every_seed(shop)?;
         let goes = [0, 1].map(|i| tried.iter().filter(|seed| seed.goes_in(i)).count());
         let count = tried.len();
+        let all: Vec<Vec<Claim>> = tried.iter().map(Seed::claims).collect();
         let both = tried.iter().filter(|seed| seed.goes_in(0) && seed.goes_in(1)).count();
-        let Seed { seed, gaits } = tried.into_iter().next().expect("at least one seed");
+        let shown = tried.into_iter().next().expect("at least one seed");
+        let claims = Claim::over_seeds(&all, &shown.claims());
+        let Seed { seed, gaits } = shown;
         let chosen = format!("the one that comes nearest to the speed asked for: {seed}");
         shop.used("universal", from(Paper::Universal, &seeds(shop.extent), &chosen));
         let mut measured = format!(
@@ -77,13 +80,12 @@ impl Figure for Fig13 {
                 None => write!(measured, " In {medium} it falls under all gains that were tried."),
             };
         }
-        let claims = claims(gaits.each_ref().map(Option::as_ref), [both, count]);
         Ok(Made { svg: draw(&gaits)?, csv: table(&gaits), measured, claims })
     }
 }
 
 fn seeds(extent: Extent) -> std::ops::Range<u64> {
-    0..extent.of(9, 3)
+    0..extent.of(60, 4)
 }
 
 /// A universal controller, and its gait in each of [`MEDIA`].
@@ -97,6 +99,10 @@ impl Seed {
         let frozen = learnt.actor();
         let gaits = MEDIA.map(|(_, medium)| Gait::best(&frozen.actor(), medium));
         Self { seed: learnt.seed, gaits }
+    }
+
+    fn claims(&self) -> Vec<Claim> {
+        claims(self.gaits.each_ref().map(Option::as_ref))
     }
 
     fn goes_in(&self, medium: usize) -> bool {
@@ -256,7 +262,7 @@ fn stride(x_m: f64, apex: Apex, action: Action, medium: Medium) -> Option<Stride
     None
 }
 
-fn claims([air, water]: [Option<&Gait>; 2], [both, seeds]: [usize; 2]) -> Vec<Claim> {
+fn claims([air, water]: [Option<&Gait>; 2]) -> Vec<Claim> {
     let says = "One controller goes at 1 m/s in air and in water";
     let speed = |gait: Option<&Gait>| match gait {
         Some(gait) => format!("{:.3} +- {:.3} m/s", gait.mean_vx_m_s, gait.swing_m_s),
@@ -265,16 +271,8 @@ fn claims([air, water]: [Option<&Gait>; 2], [both, seeds]: [usize; 2]) -> Vec<Cl
     let goes = [air, water].iter().flatten().filter(|gait| gait.misses_by() <= NEAR_M_S).count();
     let both = Claim::new(
         says,
-        format!(
-            "the best of {seeds} seeds: in air {}, in water {}; {both} of the seeds go in both",
-            speed(air),
-            speed(water)
-        ),
-        match goes {
-            2 if both == seeds => Verdict::Holds,
-            0 => Verdict::Fails,
-            _ => Verdict::InPart,
-        },
+        format!("in air {}, in water {}", speed(air), speed(water)),
+        [Verdict::Fails, Verdict::InPart, Verdict::Holds][goes],
     );
     let angles = |gait: &Gait| {
         let [touchdown, liftoff] = gait.angles_deg();
@@ -374,7 +372,7 @@ mod tests {
     #[test]
     fn claims_are_judged_by_the_angles() {
         let verdicts = |air: Option<&Gait>, water: Option<&Gait>| -> Vec<Verdict> {
-            claims([air, water], [2, 2]).into_iter().map(|claim| claim.verdict).collect()
+            claims([air, water]).into_iter().map(|claim| claim.verdict).collect()
         };
         let (even, behind) = (gait([97.0, 83.5], 1.0), gait([88.0, 60.0], 1.05));
         assert_eq!(verdicts(Some(&even), Some(&behind)), [Verdict::Holds; 3]);
