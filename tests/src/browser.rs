@@ -18,7 +18,7 @@ const ASK: &str = r#"<script>addEventListener("load", () => {
     const box = svg.getBoundingClientRect();
     const inside = other => other.left >= box.left - 1 && other.right <= box.right + 1
       && other.top >= box.top - 1 && other.bottom <= box.bottom + 1;
-    const cut = [...svg.querySelectorAll("text")]
+    const cut = [...svg.querySelectorAll("text")].filter(text => text.textContent.trim())
       .filter(text => !inside(text.getBoundingClientRect())).map(text => text.textContent);
     const marks = [...svg.querySelectorAll("path,polyline,polygon,rect,circle,line,image")]
       .filter(mark => { const at = mark.getBoundingClientRect(); return at.width + at.height > 0; });

@@ -386,6 +386,8 @@ fn draw_scale(area: &Area<'_>, scale: &Range<f64>, label: &str) -> Result<(), Dr
         [(scale.end, top), (middle, i32::midpoint(top, bottom)), (scale.start, bottom)]
     {
         let y = (y / UNITS_PER_PX.cast_signed()).cast_unsigned();
+        // Two decimals: there is no room for more beside the next panel.
+        let value = (value * 100.0).round() / 100.0;
         write(area, &number(value), (18, y.saturating_sub(6)), 12.0)?;
     }
     write(area, label, (0, 2), 11.0)

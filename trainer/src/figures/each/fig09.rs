@@ -131,9 +131,10 @@ impl Figure for Following {
 impl Following {
     fn draw(&self, sets: &[(&str, &Terms)]) -> Result<String, FiguresError> {
         let rows = sets.iter().map(|(whose, terms)| {
-            let damped = terms.best_damped().map_or(&[][..], Vec::as_slice);
-            let named = [("P alone", &terms.p[..]), ("P with D", damped), ("I alone", &terms.i)];
-            named.map(|(name, runs)| panel(&format!("{whose}: {name}"), runs)).into()
+            let alone = [("P", &terms.p), ("I", &terms.i), ("D", &terms.d_alone)];
+            let damped = terms.best_damped().map(|runs| ("P with D", runs));
+            let named = alone.into_iter().chain(damped);
+            named.map(|(name, runs)| panel(&format!("{whose}: {name}"), runs)).collect()
         });
         let sheet = Sheet {
             title: format!(
@@ -156,6 +157,7 @@ struct Terms {
     /// Beside each proportional gain that oscillates, every derivative gain; the
     /// first of each is the proportional term alone.
     d: Vec<Vec<Run>>,
+    d_alone: Vec<Run>,
     i: Vec<Run>,
     /// The highest mean velocity that any constant offset comes to, m/s.
     fastest_m_s: f64,
@@ -203,7 +205,7 @@ impl Run {
 
     fn words(&self) -> String {
         match self.settled {
-            Some((error, swing)) => format!("{} {error:+.3} +- {swing:.3}", self.name()),
+            Some((error, swing)) => format!("{} {error:+.3} ± {swing:.3}", self.name()),
             None => format!("{} falls after {} hops", self.name(), self.vx_m_s.len() - 1),
         }
     }
@@ -234,8 +236,9 @@ impl Terms {
             std::iter::once(alone.clone()).chain(with).collect()
         };
         let d = unsteady.map(damped).collect();
+        let d_alone = KD.map(|kd| Run::of(actor, GainPoint { kd, ..base })).into();
         let i = KI.map(|ki| Run::of(actor, GainPoint { ki, ..base })).into();
-        Self { medium, p, d, i, fastest_m_s: fastest(actor, density_ratio) }
+        Self { medium, p, d, d_alone, i, fastest_m_s: fastest(actor, density_ratio) }
     }
 
     /// The derivative gains beside the proportional gain that they help most.
@@ -247,14 +250,15 @@ impl Terms {
     fn words(&self, whose: &str) -> String {
         let list = |runs: &[Run]| runs.iter().map(Run::words).collect::<Vec<_>>().join("; ");
         let damped = self.best_damped().map_or_else(
-            || "nothing oscillates that could be damped".to_owned(),
+            || "nothing oscillates that it could damp".to_owned(),
             |runs| list(&runs[1..]),
         );
         format!(
-            "Steady-state error and oscillation, m/s, {whose}: P: {}. D: {damped}. I: {}. With any \
-             constant offset it goes at {:.2} m/s at most. ",
+            "Steady-state error and oscillation, m/s, {whose}: P: {}. I: {}. D: {}. D beside P: \
+             {damped}. With any constant offset it goes at {:.2} m/s at most. ",
             list(&self.p),
             list(&self.i),
+            list(&self.d_alone),
             self.fastest_m_s
         )
     }
@@ -403,7 +407,8 @@ fn table(sets: &[(&str, &Terms)]) -> String {
     for (whose, terms) in sets {
         let whose = whose.trim_start_matches("the ").trim_end_matches('\'');
         let damped = terms.d.concat();
-        for (term, runs) in [("p", &terms.p), ("d", &damped), ("i", &terms.i)] {
+        let terms = [("p", &terms.p), ("i", &terms.i), ("d", &terms.d_alone), ("p_d", &damped)];
+        for (term, runs) in terms {
             for Run { gains, vx_m_s, .. } in runs {
                 for (i, v) in vx_m_s.iter().enumerate() {
                     let GainPoint { kp, ki, kd, .. } = gains;
@@ -434,7 +439,8 @@ mod tests {
         let p: Vec<Run> = p.iter().map(|settled| run(Some(*settled))).collect();
         let unsteady = p.iter().filter(|run| run.swing() > NONE_M_S);
         let d = unsteady.map(|alone| vec![alone.clone(), run(None), run(Some(d))]).collect();
-        let terms = Terms { medium, p, d, i: vec![run(None), run(i)], fastest_m_s: 1.0 };
+        let i = vec![run(None), run(i)];
+        let terms = Terms { medium, p, d, d_alone: vec![run(None)], i, fastest_m_s: 1.0 };
         terms.claims("").into_iter().map(|claim| claim.verdict).collect()
     }
 

@@ -207,7 +207,7 @@ impl Gait {
     fn words(&self) -> String {
         let [touchdown, liftoff] = self.angles_deg();
         format!(
-            "{:.3} +- {:.3} m/s (ki {}, feed-forward {}), touchdown at {touchdown:.1} deg, lift-off \
+            "{:.3} ± {:.3} m/s (ki {}, feed-forward {}), touchdown at {touchdown:.1} deg, lift-off \
              at {liftoff:.1} deg, {:.1} deg from symmetric",
             self.mean_vx_m_s,
             self.swing_m_s,
@@ -265,7 +265,7 @@ fn stride(x_m: f64, apex: Apex, action: Action, medium: Medium) -> Option<Stride
 fn claims([air, water]: [Option<&Gait>; 2]) -> Vec<Claim> {
     let says = "One controller goes at 1 m/s in air and in water";
     let speed = |gait: Option<&Gait>| match gait {
-        Some(gait) => format!("{:.3} +- {:.3} m/s", gait.mean_vx_m_s, gait.swing_m_s),
+        Some(gait) => format!("{:.3} ± {:.3} m/s", gait.mean_vx_m_s, gait.swing_m_s),
         None => "it falls".to_owned(),
     };
     let goes = [air, water].iter().flatten().filter(|gait| gait.misses_by() <= NEAR_M_S).count();

@@ -93,7 +93,8 @@ fn numbers(own: (&str, &[Transition]), other: (&str, &[Transition])) -> Vec<Pane
 }
 
 fn write_numbers(csv: &mut String, name: &str, start: usize, transition: &Transition) {
-    let name = name.replace(' ', "_");
+    // Without the word on which figure it is from.
+    let name = name.split(',').next().unwrap_or(name).replace(' ', "_");
     for (i, (density, look)) in transition.densities.iter().zip(&transition.looks).enumerate() {
         let mut row = |quantity: &str, value: f64| {
             let _ = writeln!(csv, "{name}:{quantity},{start},{density:.2},,,{value}");
