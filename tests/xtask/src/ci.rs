@@ -5,7 +5,7 @@ use anyhow::Result;
 use std::time::Instant;
 
 /// Ticks of the shore that the emulated board plays in the check.
-const HIL_TICKS: u64 = 20_000;
+const HIL_TICKS: u64 = 10_000;
 
 /// The firmware's own workspace.
 const FIRMWARE: &str = "controller/firmware";
@@ -53,7 +53,7 @@ pub(crate) fn run() -> Result<()> {
     own("chaos: cargo xtask chaos --kills 20", &|| chaos::run(&chaos::Args::short()))?;
     own("no way to panic: cargo xtask image", &image::run)?;
     own("budget: cargo xtask budget", &|| budget::run(&budget::Args::default()))?;
-    own("hardware in the loop: cargo xtask hil --ticks 20000", &|| {
+    own("hardware in the loop: cargo xtask hil --ticks 10000", &|| {
         hil::run(&hil::Args::emulated(HIL_TICKS))
     })?;
 

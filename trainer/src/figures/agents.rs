@@ -115,7 +115,7 @@ impl Learnt {
 /// Seeds that the learning curves are drawn from.
 #[must_use]
 pub(crate) fn seeds(extent: Extent) -> std::ops::Range<u64> {
-    0..extent.of(100, 6)
+    0..extent.of(100, 4)
 }
 
 /// Seconds that training an agent over all [`seeds`] takes on two cores.

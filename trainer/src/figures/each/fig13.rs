@@ -85,7 +85,7 @@ impl Figure for Fig13 {
 }
 
 fn seeds(extent: Extent) -> std::ops::Range<u64> {
-    0..extent.of(60, 4)
+    0..extent.of(60, 2)
 }
 
 /// A universal controller, and its gait in each of [`MEDIA`].
