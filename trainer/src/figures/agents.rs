@@ -130,7 +130,7 @@ fn one_cost_s(agent: Paper) -> f64 {
 }
 
 impl Workshop {
-    /// An agent over all [`seeds`], in their order.
+    /// An agent over all seeds, in their order.
     ///
     /// # Errors
     /// [`FiguresError`].
@@ -153,7 +153,7 @@ impl Workshop {
         self.part(&name, &config, one_cost_s(agent) / 2.0, || train(agent, seed))
     }
 
-    /// The transferred agents of all [`seeds`], and which of them is drawn.
+    /// The transferred agents of all seeds, and which of them is drawn.
     ///
     /// # Errors
     /// [`FiguresError`].
