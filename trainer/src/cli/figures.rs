@@ -29,7 +29,7 @@ pub(super) struct Arguments {
     /// Only these figures, such as 3,7,11 or beyond
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     only: Vec<String>,
-    /// A minute instead of a quarter of an hour: coarser, and from fewer seeds
+    /// A few seconds instead of a few minutes: coarser, and from fewer seeds
     #[arg(long)]
     quick: bool,
     /// Where the authors' data lies

@@ -78,8 +78,8 @@ impl Figure for Beyond {
         let agents: Vec<Agent> = [shipped, transferred].into_iter().chain(theirs).collect();
         let found = Found {
             basins: [
-                Basin::of(shop, "basin-shipped", &agents[0].actor)?,
-                Basin::of(shop, "basin-ours", &agents[1].actor)?,
+                Basin::of(shop, "basin-shipped", [&agents[0].actor; 2])?,
+                Basin::of(shop, "basin-transferred", [&agents[1].actor; 2])?,
             ],
             media: agents.iter().map(|agent| agent.media(shop)).collect::<Result<_, _>>()?,
             sensed: sensed::both(shop)?,

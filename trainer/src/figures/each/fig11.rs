@@ -52,14 +52,19 @@ impl Figure for Fig11 {
 
     fn make(&self, shop: &Workshop) -> Result<Made, FiguresError> {
         let transferred = shop.transferred()?;
-        let ours = Basin::of(shop, "basin-ours", &transferred.shown().actor())?;
+        let shown = transferred.shown();
+        let ours = Basin::of(shop, "basin-ours", [&shown.actor(), &shown.actor_after(0)])?;
         let theirs = authors_actor(shop.reference.as_ref(), "water_to_air")?;
-        let theirs = theirs.map(|actor| Basin::of(shop, "basin-authors", &actor)).transpose()?;
+        let in_water = authors_actor(shop.reference.as_ref(), "water")?;
+        let theirs = theirs
+            .zip(in_water)
+            .map(|(air, water)| Basin::of(shop, "basin-authors", [&air, &water]))
+            .transpose()?;
         let at_home = at(&ours.by_mass[0], 80.0);
         let mut measured = format!(
             "Seed {}, which of {} hops on from most starts in water and on land; {} starts a body, drawn as in \
-             training, every apex at or above 1 m. At home {at_home:.3} on land and {:.3} in water. \
-             In water a leg lighter than the 62.4 kg of water that it displaces floats.",
+             training, every apex at or above 1 m. At home {at_home:.3} on land; before it \
+             went there {:.3} in water. In water a leg lighter than the 62.4 kg of water that it displaces floats.",
             transferred.shown().seed,
             transferred.all.len(),
             starts_a_body(shop.extent),
@@ -126,36 +131,42 @@ pub(super) struct Basin {
 }
 
 impl Basin {
-    /// The basin of an agent; `name` is that of its part.
-    pub(super) fn of(shop: &Workshop, name: &str, agent: &Frozen) -> Result<Self, FiguresError> {
+    /// The basin of an agent, which may be another on land and in water; `name` is
+    /// that of its part.
+    pub(super) fn of(
+        shop: &Workshop,
+        name: &str,
+        agents: [&Frozen; 2],
+    ) -> Result<Self, FiguresError> {
         let extent = shop.extent;
         let cost_s = extent.of(8.0, 0.4);
-        shop.part(name, &(identity(agent), extent), cost_s, || Ok(Self::compute(agent, extent)))
+        let inputs = (agents.map(identity), extent);
+        shop.part(name, &inputs, cost_s, || Ok(Self::compute(agents, extent)))
     }
 
-    fn compute(agent: &Frozen, extent: Extent) -> Self {
-        let actor = agent.actor();
+    fn compute(agents: [&Frozen; 2], extent: Extent) -> Self {
+        let actors = agents.map(Frozen::actor);
+        let media = [(&actors[0], MEDIA[0].1), (&actors[1], MEDIA[1].1)];
         let draw = |count| draw_starts(count, &mut Pcg64::seed_from_u64(11));
         let starts = draw(starts_a_body(extent));
-        let share = |[mass_kg, stiffness_n_m]: [f64; 2], medium: Medium| {
+        let share = |[mass_kg, stiffness_n_m]: [f64; 2], (actor, medium): (&Actor<'_>, Medium)| {
             let hopper = other_leg(mass_kg, stiffness_n_m, medium);
-            survival(&actor, &hopper, medium.density_ratio(), &starts).survive30
+            survival(actor, &hopper, medium.density_ratio(), &starts).survive30
         };
         let plane = Plane::of(extent);
         let few = draw(extent.of(300, 60));
         let start_cells = extent.of(60, 24);
         Self {
-            by_stiffness: MEDIA
-                .map(|(_, medium)| STIFFNESS_N_M.map(|k| (k, share([HOME[0], k], medium))).into()),
-            by_mass: MEDIA
-                .map(|(_, medium)| MASS_KG.map(|m| (m, share([m, HOME[1]], medium))).into()),
+            by_stiffness: media
+                .map(|medium| STIFFNESS_N_M.map(|k| (k, share([HOME[0], k], medium))).into()),
+            by_mass: media.map(|medium| MASS_KG.map(|m| (m, share([m, HOME[1]], medium))).into()),
             cells: plane.cells,
-            plane: MEDIA.map(|(_, medium)| {
+            plane: media.map(|(actor, medium)| {
                 let rho = medium.density_ratio();
-                plane.map(medium, |hopper| survival(&actor, hopper, rho, &few).survive30)
+                plane.map(medium, |hopper| survival(actor, hopper, rho, &few).survive30)
             }),
             start_cells,
-            hops: DRAWN_N_M.map(|k| hops_by_start(&actor, k, start_cells)).into(),
+            hops: DRAWN_N_M.map(|k| hops_by_start(&actors[0], k, start_cells)).into(),
         }
     }
 
@@ -235,7 +246,7 @@ fn draw(ours: &Basin, theirs: Option<&Basin>) -> Result<String, FiguresError> {
         let [air, water] = pick(ours);
         let mut marks = vec![
             Mark::line(scaled(air), COLORS[0], "ours, air"),
-            Mark::line(scaled(water), COLORS[2], "ours, water"),
+            Mark::line(scaled(water), COLORS[2], "ours in water, before it went on land"),
         ];
         if let Some(theirs) = theirs {
             let label = Some("the authors' agent, air".to_owned());
@@ -271,7 +282,8 @@ fn draw(ours: &Basin, theirs: Option<&Basin>) -> Result<String, FiguresError> {
     }
     let sheet = Sheet {
         title: "Figure 11. Basin of attraction over other bodies".into(),
-        note: "share of random starts from which the agent takes 30 hops; below, hops by start"
+        note: "share of random starts from which the agent takes 30 hops; in water, as it was \
+               before it went on land; below, hops by start"
             .into(),
         rows,
         ..Sheet::default()
