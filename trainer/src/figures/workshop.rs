@@ -42,7 +42,7 @@ impl Extent {
 #[non_exhaustive]
 pub enum FiguresError {
     /// A part cannot be kept.
-    #[error("cannot write {}: {cause}", path.display())]
+    #[error("cannot write {}: {cause}; name another folder with --out", path.display())]
     Write {
         /// Its file.
         path: PathBuf,
