@@ -8,7 +8,7 @@ use anyhow::{Context, Result, ensure};
 use serde::Deserialize;
 
 /// By the names that distributions give it.
-const NAMES: [&str; 3] = ["chromium", "chromium-browser", "google-chrome"];
+pub const NAMES: [&str; 3] = ["chromium", "chromium-browser", "google-chrome"];
 /// Where the page's findings stand, once it has told them.
 const FOUND: [&str; 2] = ["<pre id=\"shown\">", "</pre>"];
 

@@ -108,7 +108,7 @@ enum Target {
 
 impl Target {
     fn emulated(board: Board, policy: &Path, folder: &Path) -> Result<Self> {
-        setup::programs()?;
+        setup::emulation()?;
         Ok(Self::Emulated(Emulator::start(&board.build()?, Some(policy), folder)?))
     }
 

@@ -8,20 +8,35 @@ use anyhow::{Result, bail};
 const TARGETS: [&str; 3] =
     ["thumbv7em-none-eabihf", "thumbv6m-none-eabi", "riscv32imac-unknown-none-elf"];
 
-/// Programs, each with the Debian package that has it.
-const PROGRAMS: [(&str, &str); 3] = [
-    ("qemu-system-arm", "qemu-system-arm"),
-    ("arm-none-eabi-objdump", "binutils-arm-none-eabi"),
-    ("chromium", "chromium"),
+/// A program, by the names that it goes by, and the Debian package that has it.
+struct Program {
+    names: &'static [&'static str],
+    package: &'static str,
+}
+
+/// The emulator, and the ARM binutils that disassemble what runs on it.
+const EMULATION: [Program; 2] = [
+    Program { names: &["qemu-system-arm"], package: "qemu-system-arm" },
+    Program { names: &["arm-none-eabi-objdump"], package: "binutils-arm-none-eabi" },
 ];
+
+/// What reports are looked at with.
+const BROWSER: Program = Program { names: &tests::browser::NAMES, package: "chromium" };
 
 /// Installs what is missing.
 pub(crate) fn run() -> Result<()> {
     rust()?;
-    programs()?;
-    let (targets, programs) = (TARGETS.join(", "), PROGRAMS.map(|(program, _)| program).join(", "));
+    let programs: Vec<&Program> = EMULATION.iter().chain([&BROWSER]).collect();
+    install(&programs)?;
+    let programs: Vec<&str> = programs.iter().map(|program| program.names[0]).collect();
+    let (targets, programs) = (TARGETS.join(", "), programs.join(", "));
     println!("setup: rustfmt, clippy, {targets}, {programs} are there");
     Ok(())
+}
+
+/// Installs what the emulated board needs, where it is missing.
+pub(crate) fn emulation() -> Result<()> {
+    install(&EMULATION.iter().collect::<Vec<_>>())
 }
 
 fn rust() -> Result<()> {
@@ -40,21 +55,12 @@ fn rust() -> Result<()> {
     Ok(())
 }
 
-fn is_there(program: &str) -> bool {
-    match program {
-        // It goes by several names.
-        "chromium" => tests::browser::installed().is_some(),
-        program => output_of(program, &["--version"]).is_some(),
-    }
-}
-
-/// The emulator, the ARM binutils that disassemble what runs on it, and the
-/// browser that reports are looked at with.
-pub(crate) fn programs() -> Result<()> {
-    let missing: Vec<_> = PROGRAMS
+fn install(programs: &[&Program]) -> Result<()> {
+    let is_there = |name: &&str| output_of(name, &["--version"]).is_some();
+    let missing: Vec<&str> = programs
         .iter()
-        .filter(|(program, _)| !is_there(program))
-        .map(|(_, package)| *package)
+        .filter(|program| !program.names.iter().any(is_there))
+        .map(|program| program.package)
         .collect();
     if missing.is_empty() {
         return Ok(());

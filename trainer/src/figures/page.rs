@@ -59,7 +59,7 @@ fn overview(html: &mut String, figures: &[(&dyn Figure, &Made)]) {
                 "<tr><td><a href=\"#{0}\">{0}</a></td><td>{1}</td><td class=\"{2}\">{3}</td></tr>",
                 figure.id(),
                 escape(says),
-                class(verdict.words()),
+                class(*verdict),
                 verdict.words(),
             );
         }
@@ -85,7 +85,7 @@ fn section(html: &mut String, figure: &dyn Figure, made: &Made) {
             "<tr><td>{}</td><td>{}</td><td class=\"{}\">{}</td></tr>",
             escape(says),
             escape(measured),
-            class(verdict.words()),
+            class(*verdict),
             verdict.words(),
         );
     }
@@ -103,11 +103,11 @@ fn heading(figure: &dyn Figure) -> String {
     }
 }
 
-fn class(words: &str) -> &'static str {
-    match words {
-        "holds" => "holds",
-        "holds in part" => "in-part",
-        _ => "fails",
+fn class(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Holds => "holds",
+        Verdict::InPart => "in-part",
+        Verdict::Fails => "fails",
     }
 }
 

@@ -70,7 +70,7 @@ impl Figure for Fig07 {
         let pairs: Vec<(&Learnt, &Learnt)> = transferred.all.iter().zip(&alone).collect();
         let all = each_seed(shop, &pairs)?;
         let shown = transferred.shown();
-        let air = &alone[shown.seed as usize];
+        let air = alone.iter().find(|learnt| learnt.seed == shown.seed).expect("the same seeds");
         let chosen = format!("drawn: {}, the transferred agent's", shown.seed);
         shop.used("air alone", from(Paper::Air, &seeds(shop.extent), &chosen));
         let theirs = |agent| authors_actor(shop.reference.as_ref(), agent);
