@@ -4,13 +4,15 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 
 use crate::board::Image;
 
 const EMULATOR: &str = "qemu-system-arm";
 /// The emulator listens within a few hundred milliseconds, on a busy machine too.
 const PATIENCE: Duration = Duration::from_secs(30);
+/// A board whose processor has not run for so long sleeps.
+const ASLEEP_FOR: Duration = Duration::from_millis(100);
 
 /// Whether the emulator is installed here.
 #[must_use]
@@ -73,6 +75,28 @@ impl Emulator {
         &self.uart
     }
 
+    /// Waits until the board sleeps: it has done all that it does of its own
+    /// accord, and no interrupt comes but by what is sent to it now.
+    ///
+    /// # Errors
+    /// When it ends, or goes on working for too long.
+    pub fn wait_until_asleep(&mut self) -> Result<()> {
+        let begun = Instant::now();
+        let mut before = None;
+        loop {
+            let now = asleep(self.pid())?;
+            if now.is_some() && now == before {
+                return Ok(());
+            }
+            if let Some(status) = self.ended()? {
+                bail!("{EMULATOR} ended with {status} before its board slept");
+            }
+            ensure!(begun.elapsed() <= PATIENCE, "the board has not slept once in {PATIENCE:?}");
+            before = now;
+            std::thread::sleep(ASLEEP_FOR);
+        }
+    }
+
     /// Its process.
     #[must_use]
     pub fn pid(&self) -> u32 {
@@ -86,6 +110,23 @@ impl Emulator {
     pub fn ended(&mut self) -> Result<Option<ExitStatus>> {
         self.child.try_wait().context("cannot ask after the emulator")
     }
+}
+
+/// How often each thread of a process has been put to sleep or aside, if all of
+/// them sleep now. The same twice: none has run in between, however busy the
+/// machine, for a thread that waits for its turn is not asleep.
+fn asleep(pid: u32) -> Result<Option<Vec<String>>> {
+    let mut switches = Vec::new();
+    for thread in std::fs::read_dir(format!("/proc/{pid}/task")).context("no such process")? {
+        let status = std::fs::read_to_string(thread?.path().join("status"))?;
+        let is_asleep = |line: &str| line.starts_with("State:") && line.contains("(sleeping)");
+        if !status.lines().any(is_asleep) {
+            return Ok(None);
+        }
+        let counts = status.lines().filter(|line| line.contains("ctxt_switches"));
+        switches.extend(counts.map(str::to_owned));
+    }
+    Ok(Some(switches))
 }
 
 /// Whether somebody listens on a socket: its file is there some moments before.

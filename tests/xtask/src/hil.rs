@@ -6,7 +6,6 @@
 
 use std::fmt;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
 
 use anyhow::{Context, Result, ensure};
 use serde_json::Value;
@@ -14,10 +13,8 @@ use tests::board::{BOARDS, Board};
 use tests::emulator::Emulator;
 use tests::root;
 
+use crate::programs::{Programs, Running};
 use crate::{Misuse, setup};
-
-/// Ticks a second of the shore.
-const RATE_HZ: u64 = 1_000;
 
 /// Plays the shore to a flashed controller; the board is emulated unless --serial names a port.
 #[derive(Clone, Debug, clap::Args)]
@@ -49,7 +46,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     if !policy.is_file() {
         return Err(Misuse::of(format!("no policy at {}; --policy names one", policy.display())));
     }
-    let sim_host = build_sim_host()?;
+    let programs = Programs::build()?;
 
     let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
     let target = match &args.serial {
@@ -60,12 +57,12 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 
     let domain = format!("hil-{}", std::process::id());
     let mut bridge = Running::start(
-        Command::new(&sim_host).arg("bridge").args(target.port()).args(["--domain", &domain]),
+        programs.sim_host().arg("bridge").args(target.port()).args(["--domain", &domain]),
     )?;
-    let over_the_line = scenario(&sim_host, args.ticks, &["--domain", &domain])?;
+    let over_the_line = programs.shore(args.ticks, &["--domain", &domain])?;
     let line = bridge.output("the bridge")?;
     let policy = policy.display().to_string();
-    let here = scenario(&sim_host, args.ticks, &["--in-process", "--policy", &policy])?;
+    let here = programs.shore(args.ticks, &["--in-process", "--policy", &policy])?;
     report(&over_the_line, &here);
     print!("\n{line}");
 
@@ -76,28 +73,6 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         here["state_hash"]
     );
     Ok(())
-}
-
-/// Deepest stack of the default board, bytes: the least of three short runs, for
-/// interrupts come when they come and put theirs on top.
-pub(crate) fn deepest_stack() -> Result<u64> {
-    const TICKS: u64 = 500;
-    let sim_host = build_sim_host()?;
-    let policy = root().join("controller/policies/robust.bin");
-    let mut least = u64::MAX;
-    for run in 0..3 {
-        let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
-        let target = Target::emulated(BOARDS[0], &policy, folder.path())?;
-        let domain = format!("stack-{}-{run}", std::process::id());
-        let mut bridge = Command::new(&sim_host);
-        bridge.arg("bridge").args(target.port()).args(["--domain", &domain, "--json"]);
-        let mut bridge = Running::start(&mut bridge)?;
-        scenario(&sim_host, Some(TICKS), &["--domain", &domain])?;
-        let line = object(&bridge.output("the bridge")?)?;
-        let used = line["controller"]["stack_used"].as_u64();
-        least = least.min(used.context("the bridge does not tell the stack")?);
-    }
-    Ok(least)
 }
 
 /// A flashed controller.
@@ -126,64 +101,6 @@ impl fmt::Display for Target {
         match self {
             Self::Emulated(_) => f.write_str("emulated"),
             Self::Real(port) => write!(f, "{}", port.display()),
-        }
-    }
-}
-
-fn build_sim_host() -> Result<PathBuf> {
-    let status = Command::new(env!("CARGO"))
-        .args(["build", "--quiet", "--release", "--package", "sim-host"])
-        .current_dir(root())
-        .status()
-        .context("cannot start cargo")?;
-    ensure!(status.success(), "sim-host does not build ({status})");
-    let target = std::env::var_os("CARGO_TARGET_DIR").map_or(root().join("target"), PathBuf::from);
-    Ok(target.join("release/sim-host"))
-}
-
-/// Plays the shore; what came of it.
-fn scenario(sim_host: &Path, ticks: Option<u64>, more: &[&str]) -> Result<Value> {
-    let mut command = Command::new(sim_host);
-    command.args(["run", "--json", "--scenario"]);
-    command.arg(root().join("sim-host/scenarios/shore.toml")).args(more);
-    if let Some(ticks) = ticks {
-        command.args(["--duration", &(ticks as f64 / RATE_HZ as f64).to_string()]);
-    }
-    object(&Running::start(&mut command)?.output("the simulator")?)
-}
-
-/// A program whose result is wanted; ended when dropped.
-struct Running(Option<Child>);
-
-impl Running {
-    fn start(command: &mut Command) -> Result<Self> {
-        let child = command
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .spawn()
-            .with_context(|| format!("cannot start {command:?}"))?;
-        Ok(Self(Some(child)))
-    }
-
-    /// Waits for its end; what it printed.
-    fn output(&mut self, who: &str) -> Result<String> {
-        let child = self.0.take().context("asked twice")?;
-        let output = child.wait_with_output().with_context(|| format!("cannot wait for {who}"))?;
-        ensure!(output.status.success(), "{who} ended with {}", output.status);
-        Ok(String::from_utf8_lossy(&output.stdout).into_owned())
-    }
-}
-
-/// The one object that a program printed.
-fn object(text: &str) -> Result<Value> {
-    serde_json::from_str(text).with_context(|| format!("no result in `{text}`"))
-}
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        if let Some(child) = &mut self.0 {
-            let _ = child.kill();
-            let _ = child.wait();
         }
     }
 }

@@ -6,6 +6,7 @@ mod ci;
 mod flash;
 mod hil;
 mod image;
+mod programs;
 mod setup;
 mod soak;
 mod step;

@@ -11,9 +11,9 @@ mod emulator;
 mod ledger;
 mod profile;
 mod size;
+mod stack;
 mod trace;
 
-use crate::hil;
 use anyhow::{Context, Result, ensure};
 use ledger::{Ledger, Measured};
 use profile::Profile;
@@ -69,7 +69,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     measured.push(Measured {
         figure: "deepest stack".to_owned(),
         unit: "bytes",
-        value: hil::deepest_stack()?,
+        value: stack::deepest(BOARDS[0])?,
     });
     let path = root().join(LEDGER);
     let ledger = Ledger::read(&path)?;

@@ -19,11 +19,10 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail, ensure};
 use rand_pcg::Pcg64Mcg;
 
-use crate::step::Step;
+use crate::programs::Programs;
 use actor::{Actor, Part, Word, number_before};
 use plan::{Blow, How};
 use report::{Incident, Report};
-use tests::root;
 
 /// Ticks, of 1 ms, within which the one that remains has to be safe.
 const SAFE_WITHIN_TICKS: u64 = 20;
@@ -56,7 +55,8 @@ impl Args {
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
-    let programs = args.programs.clone().map_or_else(build, Ok)?;
+    let programs =
+        args.programs.clone().map_or_else(Programs::build, |folder| Ok(Programs::of(folder)))?;
     let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
     let place = Place { programs, folder: folder.path().to_owned() };
     if actor::hang_up_is_ignored() {
@@ -90,19 +90,9 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     Ok(())
 }
 
-/// Builds the programs; their folder.
-fn build() -> Result<PathBuf> {
-    let what = "build --quiet --release --package sim-host --package controller";
-    Step::new("programs", "cargo", what)
-        .with("--features controller/host --bin sim-host --bin controller")
-        .run()?;
-    let target = std::env::var_os("CARGO_TARGET_DIR").map_or(root().join("target"), PathBuf::from);
-    Ok(target.join("release"))
-}
-
 /// Where it happens.
 struct Place {
-    programs: PathBuf,
+    programs: Programs,
     folder: PathBuf,
 }
 
@@ -111,12 +101,12 @@ impl Place {
     fn command(&self, part: Part) -> Command {
         let mut command = match part {
             Part::Leg => {
-                let mut leg = Command::new(self.programs.join("sim-host"));
+                let mut leg = self.programs.sim_host();
                 leg.args(["run", "--on-fall", "restart", "--duration", "80000", "--timeout", "60"]);
                 leg.args(["--set-point", "0.3"]);
                 leg
             }
-            Part::Controller => Command::new(self.programs.join("controller")),
+            Part::Controller => self.programs.controller(),
         };
         // So that what is seen is the processes and not the machine, where that is allowed.
         command.args(["--real-time", "--rt-priority", "20", "--domain", "chaos"]);
@@ -181,7 +171,7 @@ impl<'a> Scene<'a> {
     }
 
     fn status(&self) -> Result<serde_json::Value> {
-        let mut ask = Command::new(self.place.programs.join("controller"));
+        let mut ask = self.place.programs.controller();
         ask.args(["status", "--json", "--domain", "chaos"]).env("TMPDIR", &self.place.folder);
         let output = ask.output().context("cannot start `controller status`")?;
         Ok(serde_json::from_slice(&output.stdout).unwrap_or_default())

@@ -1,0 +1,39 @@
+//! How deep the stack of the flashed controller goes.
+
+use anyhow::{Context, Result};
+use tests::board::Board;
+use tests::emulator::Emulator;
+use tests::root;
+
+use crate::programs::{Programs, Running};
+use crate::setup;
+
+/// Ticks of the shore in lock-step: from its start beyond the first apex.
+const TICKS: u64 = 500;
+
+/// Deepest stack, bytes, of all that the main loop does: power-up with a policy, a
+/// policy uploaded and swapped in, a run in lock-step.
+///
+/// A byte that came in the midst of the power-up would put its interrupt on top,
+/// now and then: nothing is sent before the board sleeps. After that a frame is
+/// worked on when its last byte is here, and nobody sends the next one meanwhile.
+pub(super) fn deepest(board: Board) -> Result<u64> {
+    setup::emulation()?;
+    let programs = Programs::build()?;
+    let policy = root().join("controller/policies/robust.bin");
+    let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
+    let mut emulator = Emulator::start(&board.build()?, Some(&policy), folder.path())?;
+    emulator.wait_until_asleep()?;
+
+    let mut upload = programs.controller();
+    upload.args(["policy", "upload", "--json", "--unix"]).arg(emulator.uart()).arg(&policy);
+    Running::start(&mut upload)?.output("the upload")?;
+
+    let domain = format!("stack-{}", std::process::id());
+    let mut bridge = programs.sim_host();
+    bridge.args(["bridge", "--json", "--domain", &domain, "--unix"]).arg(emulator.uart());
+    let mut bridge = Running::start(&mut bridge)?;
+    programs.shore(Some(TICKS), &["--domain", &domain])?;
+    let line = bridge.result("the bridge")?;
+    line["controller"]["stack_used"].as_u64().context("the bridge does not tell the stack")
+}

@@ -1,0 +1,95 @@
+//! The workspace's programs, as they are shipped: built, started, asked for their result.
+
+use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
+
+use anyhow::{Context, Result, ensure};
+use serde_json::Value;
+use tests::root;
+
+/// Ticks a second of the shore.
+const RATE_HZ: u64 = 1_000;
+
+/// The release builds.
+#[derive(Debug)]
+pub(crate) struct Programs {
+    folder: PathBuf,
+}
+
+impl Programs {
+    pub(crate) fn build() -> Result<Self> {
+        let status = Command::new(env!("CARGO"))
+            .args(["build", "--quiet", "--release", "--package", "sim-host", "--bin", "sim-host"])
+            .args(["--package", "controller", "--bin", "controller"])
+            .args(["--features", "controller/host"])
+            .current_dir(root())
+            .status()
+            .context("cannot start cargo")?;
+        ensure!(status.success(), "the programs do not build ({status})");
+        let target =
+            std::env::var_os("CARGO_TARGET_DIR").map_or(root().join("target"), PathBuf::from);
+        Ok(Self::of(target.join("release")))
+    }
+
+    /// Those in a folder, built before.
+    pub(crate) fn of(folder: PathBuf) -> Self {
+        Self { folder }
+    }
+
+    pub(crate) fn sim_host(&self) -> Command {
+        Command::new(self.folder.join("sim-host"))
+    }
+
+    pub(crate) fn controller(&self) -> Command {
+        Command::new(self.folder.join("controller"))
+    }
+
+    /// Plays the shore, or its first ticks; what came of it.
+    pub(crate) fn shore(&self, ticks: Option<u64>, more: &[&str]) -> Result<Value> {
+        let mut command = self.sim_host();
+        command.args(["run", "--json", "--scenario"]);
+        command.arg(root().join("sim-host/scenarios/shore.toml")).args(more);
+        if let Some(ticks) = ticks {
+            command.args(["--duration", &(ticks as f64 / RATE_HZ as f64).to_string()]);
+        }
+        Running::start(&mut command)?.result("the simulator")
+    }
+}
+
+/// A program whose output is wanted; ended when dropped.
+#[derive(Debug)]
+pub(crate) struct Running(Option<Child>);
+
+impl Running {
+    pub(crate) fn start(command: &mut Command) -> Result<Self> {
+        let child = command
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .spawn()
+            .with_context(|| format!("cannot start {command:?}"))?;
+        Ok(Self(Some(child)))
+    }
+
+    /// Waits for its end; what it printed.
+    pub(crate) fn output(&mut self, who: &str) -> Result<String> {
+        let child = self.0.take().context("asked twice")?;
+        let output = child.wait_with_output().with_context(|| format!("cannot wait for {who}"))?;
+        ensure!(output.status.success(), "{who} ended with {}", output.status);
+        Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+    }
+
+    /// Waits for its end; the one object that it printed.
+    pub(crate) fn result(&mut self, who: &str) -> Result<Value> {
+        let text = self.output(who)?;
+        serde_json::from_str(&text).with_context(|| format!("no result of {who} in `{text}`"))
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        if let Some(child) = &mut self.0 {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
