@@ -4,9 +4,18 @@ use std::fs::File;
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-use signal_hook::flag;
+use signal_hook::iterator::Signals;
+use signal_hook::{flag, low_level};
+
+/// Signals that come within so long of the first mean the same: `timeout` sends
+/// two, a terminal one to each process of a group, and a parent its own after that.
+const GRACE: Duration = Duration::from_millis(500);
+/// For a thread that counts signals.
+const STACK: usize = 64 * 1024;
 
 /// Whether this process was asked to stop. Clones share the answer.
 #[derive(Clone, Debug, Default)]
@@ -14,17 +23,15 @@ pub struct Stop(Arc<AtomicBool>);
 
 impl Stop {
     /// Raised by SIGINT, SIGTERM and SIGHUP (a closed terminal), so that loops
-    /// end, and shared memory is given back. A second signal ends the process
-    /// at once, with status 1. Where SIGHUP is ignored, as under `nohup`, it stays so.
+    /// end, and shared memory is given back. Another signal, half a second later or
+    /// more, ends the process at once, with status 1. Where SIGHUP is ignored, as
+    /// under `nohup`, it stays so.
     ///
     /// # Errors
     /// When the system refuses the handlers.
     pub fn on_signals() -> io::Result<Self> {
-        let stop = Self::default();
-        for signal in [SIGINT, SIGTERM, SIGHUP] {
-            stop.raise_on(signal)?;
-        }
-        Ok(stop)
+        let hang_up = (!is_ignored(SIGHUP)).then_some(SIGHUP);
+        Self::on([SIGINT, SIGTERM].into_iter().chain(hang_up))
     }
 
     /// As [`Stop::on_signals`], but for SIGHUP: what that asks for is to be
@@ -33,10 +40,7 @@ impl Stop {
     /// # Errors
     /// When the system refuses the handlers.
     pub fn on_signals_but_hang_up() -> io::Result<(Self, HangUp)> {
-        let stop = Self::default();
-        for signal in [SIGINT, SIGTERM] {
-            stop.raise_on(signal)?;
-        }
+        let stop = Self::on([SIGINT, SIGTERM].into_iter())?;
         let hang_up = HangUp { came: Arc::default(), had_terminal: has_terminal() };
         if !is_ignored(SIGHUP) {
             flag::register(SIGHUP, Arc::clone(&hang_up.came))?;
@@ -44,14 +48,17 @@ impl Stop {
         Ok((stop, hang_up))
     }
 
-    fn raise_on(&self, signal: i32) -> io::Result<()> {
-        if signal == SIGHUP && is_ignored(signal) {
-            return Ok(());
+    fn on(signals: impl Iterator<Item = i32> + Clone) -> io::Result<Self> {
+        let stop = Self::default();
+        for signal in signals.clone() {
+            flag::register(signal, Arc::clone(&stop.0))?;
         }
-        // In this order: the second signal must find the flag raised by the first.
-        flag::register_conditional_shutdown(signal, 1, Arc::clone(&self.0))?;
-        flag::register(signal, Arc::clone(&self.0))?;
-        Ok(())
+        let signals = Signals::new(signals)?;
+        thread::Builder::new()
+            .name("signals".to_owned())
+            .stack_size(STACK)
+            .spawn(move || end_when_pressed(signals))?;
+        Ok(stop)
     }
 
     /// Asks this process to stop.
@@ -63,6 +70,17 @@ impl Stop {
     #[must_use]
     pub fn is_raised(&self) -> bool {
         self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// Ends the process when a signal comes that can only mean that the first had no
+/// effect.
+fn end_when_pressed(mut signals: Signals) {
+    let mut first: Option<Instant> = None;
+    for _ in signals.forever() {
+        if first.get_or_insert_with(Instant::now).elapsed() >= GRACE {
+            low_level::exit(1);
+        }
     }
 }
 
@@ -120,7 +138,45 @@ fn ignored_mask(status: &str) -> Option<u64> {
 
 #[cfg(test)]
 mod tests {
-    use super::ignored_mask;
+    use std::io::{BufRead as _, BufReader};
+    use std::process::{Command, Stdio};
+
+    use rustix::process::{Pid, Signal, kill_process};
+
+    use super::*;
+
+    /// In the environment: this is the process to be stopped.
+    const DEAF: &str = "STOP_TEST_DEAF";
+
+    /// This test runs itself again, as a process that looks at no flag.
+    #[test]
+    fn a_later_signal_ends_a_process_that_does_not_stop() {
+        if std::env::var_os(DEAF).is_some() {
+            let _stop = Stop::on_signals().unwrap();
+            println!("\nready");
+            thread::sleep(Duration::from_mins(1));
+            return;
+        }
+        let this = "host::stop::tests::a_later_signal_ends_a_process_that_does_not_stop";
+        let mut deaf = Command::new(std::env::current_exe().unwrap())
+            .args(["--exact", this, "--nocapture"])
+            .env(DEAF, "1")
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(deaf.stdout.take().unwrap()).lines();
+        assert!(lines.any(|line| line.unwrap() == "ready"), "it does not begin");
+        let pid = Pid::from_child(&deaf);
+        let mut asked = None;
+        while deaf.try_wait().unwrap().is_none() {
+            kill_process(pid, Signal::TERM).unwrap();
+            let first = *asked.get_or_insert_with(Instant::now);
+            assert!(first.elapsed() < Duration::from_secs(30), "it does not end");
+            thread::sleep(Duration::from_millis(20));
+        }
+        assert_eq!(deaf.wait().unwrap().code(), Some(1));
+        assert!(asked.unwrap().elapsed() >= GRACE, "signals that come together are one");
+    }
 
     #[test]
     fn the_signals_ignored_are_read_from_the_status() {

@@ -166,6 +166,19 @@ fn signals_end_a_run_in_good_order() {
     simulator.end().assert(1, &left);
     place.assert_clean();
 
+    // Two at once, as `timeout` sends them, are one.
+    for apart_ms in 0..8 {
+        let mut simulator = place.simulator(&ENDLESS);
+        let controller = place.controller(&PATIENT);
+        place.wait_for_the_run(None);
+        simulator.signal(Signal::TERM);
+        std::thread::sleep(Duration::from_millis(apart_ms));
+        simulator.signal(Signal::TERM);
+        simulator.end().assert(1, &["stopped by a signal"]);
+        controller.end().assert(1, &["the simulator", "left before the run was over"]);
+        place.assert_clean();
+    }
+
     // Also while it waits.
     let mut alone = place.simulator(&PATIENT);
     while !place.base().join("test/leg.card").exists() {
