@@ -15,6 +15,7 @@ use super::desk::requests::{
     Swapping,
 };
 use super::operated::{Board, ORDERS, Operated, Order, Taken};
+use super::realtime::Shared;
 use super::shelf::{self, Shelved};
 use crate::control::Config;
 
@@ -26,7 +27,7 @@ pub struct Windows {
     /// At the peer.
     pub peer: Box<dyn Fn() -> PeerStatus + Send>,
     /// At the loop's own figures, in real time.
-    pub timing: Box<dyn Fn() -> Option<Value> + Send>,
+    pub timing: Option<Shared>,
 }
 
 impl fmt::Debug for Windows {
@@ -193,7 +194,7 @@ impl Office {
             apexes: reading.apexes,
             rejected: reading.rejected,
             peer,
-            timing: (self.windows.timing)(),
+            timing: self.windows.timing.as_ref().map(Shared::newest),
         }
     }
 

@@ -2,7 +2,6 @@
 
 use std::ffi::OsString;
 use std::process::ExitCode;
-use std::sync::Arc;
 
 use controller::control::Controller;
 use controller::host::realtime::cli::{RealTimeArgs, parse_cpu};
@@ -98,8 +97,7 @@ fn two_processes(
         let mut link = met.link;
         let (_, look) = realtime::watch(&link, stop, None, |_| ());
         let shared = Shared::default();
-        let report = Arc::clone(&shared);
-        let timing = move || serde_json::to_value(&*report.lock().ok()?).ok();
+        let timing = Some(shared.clone());
         let operated =
             run::operated(&args.domain(), scenario.rate_hz, Pace::RealTime, stop, timing);
         let options = args.real_time.options(epoch);

@@ -8,6 +8,7 @@ use controller::control::{Config, Controller};
 use controller::host::cli::{Meeting as MeetingArgs, SAY_AFTER, other_leg};
 use controller::host::domain::DomainError;
 use controller::host::patient::Notice;
+use controller::host::realtime::Shared;
 use controller::host::shm::ConnectError;
 use controller::host::{Pace, Role, Stop, Terms, print};
 use controller::policy::Policy;
@@ -162,7 +163,7 @@ fn over_shared_memory(
     let timeout = args.meeting.timeout();
     meet(scenario, args, scenario.terms(), &stop, recording, |met, epoch, recording| {
         let options = Options { epoch, timeout };
-        let operated = operated(&args.domain(), scenario.rate_hz, Pace::LockStep, &stop, || None);
+        let operated = operated(&args.domain(), scenario.rate_hz, Pace::LockStep, &stop, None);
         let mut hooks = (recording, operated);
         Ok(lock_step::run_with(scenario, &mut met.in_lock_step(), options, &mut hooks)?)
     })
@@ -174,7 +175,7 @@ pub(super) fn operated(
     rate_hz: u32,
     pace: Pace,
     stop: &Stop,
-    timing: impl Fn() -> Option<serde_json::Value> + Send + 'static,
+    timing: Option<Shared>,
 ) -> Option<Operated> {
     Operated::open(domain, rate_hz, pace, stop, timing)
         .inspect_err(|error| eprintln!("sim-host: warning: nobody can operate this run: {error}"))

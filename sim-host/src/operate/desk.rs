@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use controller::guard::Limits;
 use controller::host::desk::Desk;
+use controller::host::realtime::{LoopReport, Shared};
 use controller::host::socket::SocketError;
 use controller::host::{Domain, Pace, Role};
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
 use super::board::{Board, Seen};
 
@@ -69,7 +69,7 @@ pub struct LegStatus {
     pub round_trips: Vec<u32>,
     /// In real time: the loop's own figures.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub timing: Option<Value>,
+    pub timing: Option<LoopReport>,
 }
 
 /// Opens the leg's desk in `domain`, over what is on `board`. `timing` gives
@@ -82,12 +82,12 @@ pub(super) fn open(
     board: &Arc<Board>,
     rate_hz: u32,
     pace: Pace,
-    timing: impl Fn() -> Option<Value> + Send + 'static,
+    timing: Option<Shared>,
 ) -> Result<Desk, SocketError> {
     let board = Arc::clone(board);
     Desk::open(domain, Role::Leg, move |request: LegRequest| {
         obey(&board, pace, &request)?;
-        Ok(status(&board, rate_hz, pace, timing()))
+        Ok(status(&board, rate_hz, pace, timing.as_ref().map(Shared::newest)))
     })
 }
 
@@ -112,7 +112,7 @@ fn obey(board: &Board, pace: Pace, request: &LegRequest) -> Result<(), String> {
     Ok(())
 }
 
-fn status(board: &Board, rate_hz: u32, pace: Pace, timing: Option<Value>) -> LegStatus {
+fn status(board: &Board, rate_hz: u32, pace: Pace, timing: Option<LoopReport>) -> LegStatus {
     let Seen {
         epoch,
         seq,

@@ -12,9 +12,9 @@ use std::sync::Arc;
 
 use controller::host::desk::Desk;
 use controller::host::domain::DomainError;
+use controller::host::realtime::Shared;
 use controller::host::socket::SocketError;
 use controller::host::{Domain, Pace, Stop};
-use serde_json::Value;
 
 use crate::session::{Hooks, Leg, TickRecord};
 
@@ -54,7 +54,7 @@ impl Operated {
         rate_hz: u32,
         pace: Pace,
         stop: &Stop,
-        timing: impl Fn() -> Option<Value> + Send + 'static,
+        timing: Option<Shared>,
     ) -> Result<Self, OperateError> {
         let board = Arc::new(Board::default());
         let desk = desk::open(&Domain::join(domain)?, &board, rate_hz, pace, timing)?;

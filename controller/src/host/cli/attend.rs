@@ -2,8 +2,6 @@
 
 use std::time::Duration;
 
-use serde_json::Value;
-
 use super::beside::{Beside, Reload};
 use super::{Args, CliError, SAY_AFTER, Summary, other_leg, say};
 use crate::control::Config;
@@ -64,16 +62,12 @@ impl Attendant {
         let terms = Terms::at(args.rate).with_gravity(args.gravity).with_leg(&leg);
         let terms = terms.with_pace(args.pace());
         let link = ShmController::open(&domain, terms, &stop)?;
-        let (keeper, figures) = (link.keeper(), figures.clone());
-        let timing = move || -> Option<Value> {
-            let figures = figures.lock().ok()?.clone();
-            serde_json::to_value(figures).ok()
-        };
+        let keeper = link.keeper();
         let windows = Windows {
             peer: Box::new(move || keeper.status()),
             timing: match args.pace() {
-                Pace::LockStep => Box::new(|| None),
-                Pace::RealTime => Box::new(timing),
+                Pace::LockStep => None,
+                Pace::RealTime => Some(figures.clone()),
             },
         };
         let file = blob.path().display().to_string();

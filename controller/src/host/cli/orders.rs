@@ -14,7 +14,6 @@ use crate::host::card::Pace;
 use crate::host::desk::requests::{Activity, Moment, Request, Status, Swapping};
 use crate::host::desk::{self, AskError};
 use crate::host::domain::DomainError;
-use crate::host::realtime::LoopReport;
 use crate::host::{Role, print};
 
 /// Between two looks whether a swap is in force.
@@ -192,8 +191,7 @@ impl fmt::Display for Table<'_> {
             "rejected    {}, of these missing {}, stale {}; safe state entered {} times",
             r.ticks, r.missing, r.stale, r.safe_entered
         )?;
-        let report = s.timing.clone().map(serde_json::from_value::<LoopReport>);
-        if let Some(Ok(report)) = report {
+        if let Some(report) = &s.timing {
             writeln!(f, "loop        {}", report.line())?;
         }
         Ok(())

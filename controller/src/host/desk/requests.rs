@@ -3,9 +3,9 @@
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
 use super::super::card::Pace;
+use super::super::realtime::LoopReport;
 
 /// A request to the controller.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -146,7 +146,7 @@ pub struct Status {
     pub peer: PeerStatus,
     /// In real time: the loop's own figures.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub timing: Option<Value>,
+    pub timing: Option<LoopReport>,
 }
 
 /// The answer to a swap that is taken.

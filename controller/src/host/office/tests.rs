@@ -6,7 +6,7 @@ use crate::policy::fixture::{blob_of, manifest};
 use crate::wire::{Command, Header, Sample, WIRE_VERSION, flags};
 
 fn open() -> (Operated, Office) {
-    let windows = Windows { peer: Box::new(PeerStatus::default), timing: Box::new(|| None) };
+    let windows = Windows { peer: Box::new(PeerStatus::default), timing: None };
     let policy = shelf::keep(SHIPPED).unwrap();
     let config = Config::at_rate(1000).unwrap();
     Office::open(policy, "the shipped policy", config, Terms::at(1000), windows)

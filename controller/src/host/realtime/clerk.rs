@@ -14,8 +14,22 @@ use super::report::LoopReport;
 use super::row::{Row, Word};
 use super::tally::Tally;
 
-/// The figures of a running loop, for whoever asks. The loop never touches it.
-pub type Shared = Arc<Mutex<LoopReport>>;
+/// The figures of a running loop, for whoever asks: the clerk brings them up to
+/// date some ten times a second, the loop never touches them. Clones show the same.
+#[derive(Clone, Debug, Default)]
+pub struct Shared(Arc<Mutex<LoopReport>>);
+
+impl Shared {
+    /// As they stand.
+    #[must_use]
+    pub fn newest(&self) -> LoopReport {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn put(&self, report: LoopReport) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = report;
+    }
+}
 
 /// Between two rounds.
 const ROUND: Duration = Duration::from_millis(10);
@@ -102,7 +116,7 @@ impl Clerk {
                         say(false, "\n");
                     }
                 }
-                *self.shared.lock().unwrap_or_else(PoisonError::into_inner) = report;
+                self.shared.put(report);
             }
             if last {
                 return self.tally;
