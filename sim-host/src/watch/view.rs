@@ -7,7 +7,7 @@ use ratatui::style::{Color, Style, Stylize as _};
 use ratatui::symbols::Marker;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::canvas::{Canvas, Circle, Context, Line as Stroke, Points};
-use ratatui::widgets::{Axis, Block, Chart, Dataset, Gauge, GraphType, Paragraph, Sparkline};
+use ratatui::widgets::{Axis, Block, Chart, Dataset, Gauge, GraphType, Paragraph};
 
 use controller::wire::flags;
 
@@ -33,11 +33,16 @@ pub fn draw(frame: &mut Frame<'_>, scene: &Scene) {
             .areas(frame.area());
     let [left, right] =
         Layout::horizontal([Constraint::Min(30), Constraint::Length(38)]).areas(body);
+    let loops = times::loops(scene);
+    let height = if loops.is_empty() { 0 } else { times::LOOPS_HEIGHT };
+    let [above, below] =
+        Layout::vertical([Constraint::Min(0), Constraint::Length(height)]).areas(left);
     let [stage, chart] =
-        Layout::vertical([Constraint::Percentage(62), Constraint::Min(6)]).areas(left);
+        Layout::vertical([Constraint::Percentage(62), Constraint::Min(6)]).areas(above);
     frame.render_widget(headline(scene), head);
     draw_stage(frame, stage, scene);
     draw_hops(frame, chart, scene);
+    times::draw_loops(frame, below, &loops);
     draw_figures(frame, right, scene);
     let line =
         scene.said().map_or_else(|| Line::from(HELP).dim(), |said| Line::from(said).fg(ALARM));
@@ -184,7 +189,7 @@ fn draw_figures(frame: &mut Frame<'_>, area: Rect, scene: &Scene) {
         Paragraph::new(controller_lines(scene)).block(Block::bordered().title(" controller ")),
         controller,
     );
-    draw_times(frame, times, scene);
+    times::draw_round_trips(frame, times, scene);
 }
 
 /// A name, and its figure right of it.
@@ -247,35 +252,7 @@ fn controller_lines(scene: &Scene) -> Vec<Line<'static>> {
     lines
 }
 
-/// How long commands took, as bars, each twice as wide as the one before.
-fn draw_times(frame: &mut Frame<'_>, area: Rect, scene: &Scene) {
-    let block = Block::bordered();
-    let Some(leg) = &scene.leg else {
-        frame.render_widget(block.title(" round trips "), area);
-        return;
-    };
-    let of = |quantile: f64| upper_end_us(&leg.round_trips, quantile);
-    let title = match (of(0.5), of(0.99)) {
-        (Some(half), Some(most)) => format!(" round trips: p50 < {half} us, p99 < {most} us "),
-        _ => " round trips ".to_owned(),
-    };
-    // Roots, so that rare ones show.
-    let data: Vec<u64> =
-        leg.round_trips.iter().map(|n| (100.0 * f64::from(*n).powf(0.25)) as u64).collect();
-    let wide: Vec<u64> = data.iter().flat_map(|n| [*n, 0]).collect();
-    let bars = if usize::from(area.width) >= wide.len() + 2 { &wide } else { &data };
-    frame.render_widget(Sparkline::default().block(block.title(title)).data(bars).fg(PUSH), area);
-}
-
-/// The upper end of the bar in which a quantile lies, us.
-fn upper_end_us(bars: &[u32], quantile: f64) -> Option<f64> {
-    let all: u64 = bars.iter().map(|n| u64::from(*n)).sum();
-    let mut left = (quantile * all as f64).ceil() as u64;
-    bars.iter().enumerate().find_map(|(i, n)| {
-        left = left.saturating_sub((*n).into());
-        (all > 0 && left == 0).then(|| 0.25 * f64::exp2(i as f64))
-    })
-}
+mod times;
 
 #[cfg(test)]
 mod tests;

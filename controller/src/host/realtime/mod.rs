@@ -46,7 +46,7 @@ pub use drive::{Done, Log, Task, drive, run};
 pub use grid::Grid;
 pub use pacer::{Pacer, Tick};
 pub use privileges::Privileges;
-pub use report::{Bar, LoopReport, QuantilesUs};
+pub use report::{Bar, LoopReport, QuantilesUs, with_unit};
 pub use row::{Counters, Row, Word};
 pub use serve::{Served, serve};
 pub use tally::Tally;

@@ -114,15 +114,16 @@ impl LoopReport {
             c.stale,
             c.deadline_misses,
             if self.is_safe { ", SAFE" } else { "" },
-            time(self.lateness_us.p50),
-            time(self.lateness_us.p99),
-            time(self.lateness_us.max),
+            with_unit(self.lateness_us.p50),
+            with_unit(self.lateness_us.p99),
+            with_unit(self.lateness_us.max),
         )
     }
 }
 
-/// A time with three digits and the unit that suits it.
-fn time(us: f64) -> String {
+/// A time in us with three digits and the unit that suits it.
+#[must_use]
+pub fn with_unit(us: f64) -> String {
     let (value, unit) = match us {
         us if us < 1000.0 => (us, "us"),
         us if us < 1e6 => (us * 1e-3, "ms"),
@@ -155,7 +156,7 @@ impl fmt::Display for LoopReport {
         for (name, q) in rows.into_iter().filter(|(_, q)| q.count > 0) {
             write!(f, "  {name:<22}")?;
             for us in [q.p50, q.p90, q.p99, q.p99_9, q.max] {
-                write!(f, " {:>9}", time(us))?;
+                write!(f, " {:>9}", with_unit(us))?;
             }
             writeln!(f)?;
         }
@@ -170,7 +171,7 @@ impl fmt::Display for LoopReport {
             c.late,
             c.deadline_misses,
             c.own_overruns,
-            time(c.longest_gap_ns as f64 * 1e-3),
+            with_unit(c.longest_gap_ns as f64 * 1e-3),
             c.safe
         )?;
         if c.dropped_rows > 0 {

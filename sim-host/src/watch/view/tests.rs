@@ -2,6 +2,7 @@ use std::time::Instant;
 
 use controller::control::{Config, Controller};
 use controller::host::memory::Inline;
+use controller::host::realtime::{Bar, LoopReport, QuantilesUs};
 use controller::host::shm::Players;
 use controller::policy::{Policy, SHIPPED};
 use ratatui::Terminal;
@@ -145,10 +146,46 @@ fn small_and_empty_views_are_drawn_too() {
     assert!(text.contains("leg ✘") && text.contains("nobody is hopping here yet"), "{text}");
 }
 
+/// A loop of 1,000 ticks a second, a hundred of which began 2 ms late or more.
+fn late_loop(role: &str) -> LoopReport {
+    let mut report = LoopReport { role: role.to_owned(), rate_hz: 1000, ..LoopReport::default() };
+    report.lateness_us =
+        QuantilesUs { p50: 0.1, p90: 5.0, p99: 1900.0, p99_9: 4000.0, max: 4800.0, count: 9000 };
+    report.lateness_histogram = [(1.0, 8000), (2.0, 0), (5.0, 900), (2000.0, 50), (5000.0, 50)]
+        .map(|(up_to_us, ticks)| Bar { up_to_us, ticks })
+        .to_vec();
+    report.counters.missed = 12;
+    report
+}
+
 #[test]
-fn quantiles_are_the_ends_of_bars() {
-    assert_eq!(upper_end_us(&[], 0.5), None);
-    assert_eq!(upper_end_us(&[0, 0], 0.5), None);
-    assert_eq!(upper_end_us(&[1, 0, 1], 0.5), Some(0.25));
-    assert_eq!(upper_end_us(&[1, 0, 1], 0.51), Some(1.0));
+fn the_loops_of_a_run_in_real_time_are_drawn_as_histograms() {
+    let mut scene = hopping(3);
+    let mut leg = scene.leg.take().unwrap();
+    (leg.pace, leg.timing) = (Pace::RealTime, Some(late_loop("leg")));
+    scene.leg = Some(leg);
+    scene.controller = Some(serde_json::from_value(serde_json::json!({
+        "pid": 2, "rate_hz": 1000, "gravity_m_s2": 9.81, "pace": "real-time", "activity": "running",
+        "policy": {"name": "robust", "crc32": "13f40f3f", "file": "robust.bin", "provenance": ""},
+        "since_unix_s": 0.0, "since": null, "pending": null, "swaps": 0, "last": null,
+        "ticks": 0, "apexes": 0,
+        "rejected": {"ticks": 0, "missing": 0, "stale": 0, "safe_entered": 0},
+        "peer": {"pid": 1, "met": 1, "lost": 0},
+        "timing": late_loop("controller"),
+    })).unwrap());
+    for (width, height, also) in [(120, 40, "missed 12"), (80, 24, "max 4.80 ms")] {
+        let buffer = drawn(&scene, width, height);
+        let text = text(&buffer);
+        for part in ["loops", "leg  p", "controller  p", "p99 1.90 ms  max 4.80 ms", also] {
+            assert!(text.contains(part), "`{part}` is not in\n{text}");
+        }
+        // Those more than a tick late are told from the others.
+        let rows = height - 1 - times::LOOPS_HEIGHT..height - 1;
+        let bars = |color| {
+            let is_bar =
+                |at: &(u16, u16)| rows.contains(&at.1) && "▁▂▃▄▅▆▇█".contains(buffer[*at].symbol());
+            cells(&buffer, color).into_iter().filter(is_bar).count()
+        };
+        assert!(bars(PUSH) > 10 && bars(ALARM) > 5, "{text}");
+    }
 }

@@ -1,0 +1,153 @@
+//! Times as bars: of commands in lock-step, of both loops in real time.
+
+use controller::host::realtime::{Bar, LoopReport, with_unit};
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::{Color, Style, Stylize as _};
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Block, Sparkline, SparklineBar};
+
+use super::super::scene::Scene;
+use super::{ALARM, ASKED, PUSH};
+
+/// Rows that the loops take.
+pub(super) const LOOPS_HEIGHT: u16 = 8;
+/// Columns within which one loop can be told; two are side by side where there is room.
+const LOOP_WIDTH: u16 = 34;
+
+/// Height of a bar: a root, so that rare ones show.
+fn height(count: u64) -> u64 {
+    (100.0 * (count as f64).powf(0.25)) as u64
+}
+
+/// How long commands took, as bars, each twice as wide as the one before.
+pub(super) fn draw_round_trips(frame: &mut Frame<'_>, area: Rect, scene: &Scene) {
+    let block = Block::bordered();
+    let Some(leg) = &scene.leg else {
+        frame.render_widget(block.title(" round trips "), area);
+        return;
+    };
+    let of = |quantile: f64| upper_end_us(&leg.round_trips, quantile);
+    let title = match (of(0.5), of(0.99)) {
+        (Some(half), Some(most)) => format!(" round trips: p50 < {half} us, p99 < {most} us "),
+        _ => " round trips ".to_owned(),
+    };
+    let bars = leg.round_trips.iter().map(|&count| (count.into(), PUSH));
+    frame.render_widget(sparkline(bars, block.inner(area).width).block(block.title(title)), area);
+}
+
+/// The upper end of the bar in which a quantile lies, us.
+fn upper_end_us(bars: &[u32], quantile: f64) -> Option<f64> {
+    let all: u64 = bars.iter().map(|n| u64::from(*n)).sum();
+    let mut left = (quantile * all as f64).ceil() as u64;
+    bars.iter().enumerate().find_map(|(i, n)| {
+        left = left.saturating_sub((*n).into());
+        (all > 0 && left == 0).then(|| 0.25 * f64::exp2(i as f64))
+    })
+}
+
+/// Counts as bars over the whole width, with a gap between them if there is room.
+fn sparkline(
+    counts: impl ExactSizeIterator<Item = (u64, Color)>,
+    width: u16,
+) -> Sparkline<'static> {
+    let columns = (usize::from(width) / counts.len().max(1)).max(1);
+    Sparkline::default().data(counts.flat_map(move |(count, color)| {
+        (0..columns).map(move |column| {
+            let is_gap = column > 0 && column + 1 == columns;
+            SparklineBar::from(if is_gap { 0 } else { height(count) }).style(Style::new().fg(color))
+        })
+    }))
+}
+
+/// The loops in real time that are known: the leg's, the controller's.
+pub(super) fn loops(scene: &Scene) -> Vec<&LoopReport> {
+    let leg = scene.leg.as_ref().and_then(|leg| leg.timing.as_ref());
+    let controller = scene.controller.as_ref().and_then(|status| status.timing.as_ref());
+    leg.into_iter().chain(controller).collect()
+}
+
+/// How late each loop's ticks began.
+pub(super) fn draw_loops(frame: &mut Frame<'_>, area: Rect, loops: &[&LoopReport]) {
+    let block = Block::bordered().title(" loops: how late their ticks began ");
+    let inner = block.inner(area);
+    if loops.is_empty() || inner.is_empty() {
+        return;
+    }
+    frame.render_widget(block, area);
+    let each = vec![Constraint::Fill(1); loops.len()];
+    let is_wide = usize::from(inner.width) >= loops.len() * usize::from(LOOP_WIDTH);
+    let layout = if is_wide { Layout::horizontal(each).spacing(2) } else { Layout::vertical(each) };
+    // The same bars for all, so that they can be compared.
+    let mut ends_us: Vec<f64> =
+        loops.iter().flat_map(|l| &l.lateness_histogram).map(|bar| bar.up_to_us).collect();
+    ends_us.sort_by(f64::total_cmp);
+    ends_us.dedup();
+    for (report, area) in loops.iter().zip(layout.split(inner).iter()) {
+        draw_loop(frame, *area, report, &ends_us);
+    }
+}
+
+fn draw_loop(frame: &mut Frame<'_>, area: Rect, report: &LoopReport, ends_us: &[f64]) {
+    // What has no room is left out, the bars last.
+    let counts_height = u16::from(area.height >= 5);
+    let axis_height = u16::from(area.height >= 4);
+    let [quantiles, counts, bars, axis] = Layout::vertical([
+        Constraint::Length(1),
+        Constraint::Length(counts_height),
+        Constraint::Fill(1),
+        Constraint::Length(axis_height),
+    ])
+    .areas(area);
+    frame.render_widget(quantile_line(report, area.width), quantiles);
+    frame.render_widget(count_line(report), counts);
+
+    let tick_us = 1e6 / f64::from(report.rate_hz.max(1));
+    let heights = ends_us.iter().map(|&end_us| {
+        let is_here = |bar: &&Bar| bar.up_to_us.total_cmp(&end_us).is_eq();
+        let bar = report.lateness_histogram.iter().find(is_here);
+        (bar.map_or(0, |bar| bar.ticks), if end_us > tick_us { ALARM } else { PUSH })
+    });
+    frame.render_widget(sparkline(heights, bars.width), bars);
+    if let [first, .., last] = ends_us {
+        frame.render_widget(Line::from(format!("to {}", with_unit(*first))).dim(), axis);
+        frame.render_widget(Line::from(with_unit(*last)).dim().right_aligned(), axis);
+    }
+}
+
+fn quantile_line(report: &LoopReport, width: u16) -> Line<'_> {
+    let late = &report.lateness_us;
+    let rare = format!("p99 {}  max {}", with_unit(late.p99), with_unit(late.max));
+    let name = Span::from(format!("{}  ", report.role)).bold();
+    let all = Line::from(vec![
+        name.clone(),
+        Span::from(format!("p50 {}  ", with_unit(late.p50))),
+        Span::from(rare.clone()),
+    ]);
+    if all.width() <= usize::from(width) { all } else { Line::from(vec![name, Span::from(rare)]) }
+}
+
+/// Missed ticks are the machine's, most of them; overruns are the loop's own.
+fn count_line(report: &LoopReport) -> Line<'_> {
+    let c = &report.counters;
+    let line =
+        Line::from(format!("missed {}  stale {}  overran {}", c.missed, c.stale, c.own_overruns));
+    match (c.own_overruns, c.missed) {
+        (0, 0) => line.dim(),
+        (0, _) => line.fg(ASKED),
+        _ => line.fg(ALARM),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_the_ends_of_bars() {
+        assert_eq!(upper_end_us(&[], 0.5), None);
+        assert_eq!(upper_end_us(&[0, 0], 0.5), None);
+        assert_eq!(upper_end_us(&[1, 0, 1], 0.5), Some(0.25));
+        assert_eq!(upper_end_us(&[1, 0, 1], 0.51), Some(1.0));
+    }
+}
