@@ -83,8 +83,8 @@ pub struct Args {
     /// How to tick by the clock.
     #[command(flatten)]
     pub real_time: RealTimeArgs,
-    /// Print the figures of a loop in real time as one JSON object.
-    #[arg(long, requires = "real_time")]
+    /// Print what came of each run as one JSON object.
+    #[arg(long)]
     pub json: bool,
 }
 

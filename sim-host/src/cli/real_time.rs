@@ -63,7 +63,7 @@ pub(super) fn main(
     let played = if args.in_process {
         in_process(scenario, args, &stop, &mut recording)
     } else {
-        two_processes(scenario, args, &stop, &mut recording).map(|played| (played, None))
+        two_processes(scenario, args, &stop, &mut recording)
     };
     let recorded = recording.finish(played.as_ref().map(|(played, _)| &played.outcome));
     let (Played { ended, outcome, report }, controller) = played?;
@@ -91,7 +91,7 @@ fn two_processes(
     args: &run::Args,
     stop: &Stop,
     recording: &mut Recording,
-) -> anyhow::Result<Played> {
+) -> anyhow::Result<(Played, Option<LoopReport>)> {
     let terms = scenario.terms().with_pace(Pace::RealTime);
     run::meet(scenario, args, terms, stop, recording, |met, epoch, recording| {
         let mut link = met.link;

@@ -8,7 +8,7 @@ use controller::control::{Config, Controller};
 use controller::host::cli::{Meeting as MeetingArgs, SAY_AFTER, other_leg};
 use controller::host::domain::DomainError;
 use controller::host::patient::Notice;
-use controller::host::realtime::Shared;
+use controller::host::realtime::{LoopReport, Shared};
 use controller::host::shm::ConnectError;
 use controller::host::{Pace, Role, Stop, Terms, print};
 use controller::policy::Policy;
@@ -161,12 +161,14 @@ fn over_shared_memory(
 ) -> anyhow::Result<Outcome> {
     let stop = Stop::on_signals()?;
     let timeout = args.meeting.timeout();
-    meet(scenario, args, scenario.terms(), &stop, recording, |met, epoch, recording| {
+    let terms = scenario.terms();
+    let (outcome, _) = meet(scenario, args, terms, &stop, recording, |met, epoch, recording| {
         let options = Options { epoch, timeout };
         let operated = operated(&args.domain(), scenario.rate_hz, Pace::LockStep, &stop, None);
         let mut hooks = (recording, operated);
         Ok(lock_step::run_with(scenario, &mut met.in_lock_step(), options, &mut hooks)?)
-    })
+    })?;
+    Ok(outcome)
 }
 
 /// The desk of a run that has begun. A run goes on without, too.
@@ -183,7 +185,8 @@ pub(super) fn operated(
 }
 
 /// Plays by `run` once a controller is there, by the options that say where;
-/// `run` is told the number of the run.
+/// `run` is told the number of the run. Beside what came of that: the figures of a
+/// controller's loop in real time, if it was started here.
 pub(super) fn meet<R>(
     scenario: &Scenario,
     args: &Args,
@@ -191,7 +194,7 @@ pub(super) fn meet<R>(
     stop: &Stop,
     recording: &mut Recording,
     run: impl FnOnce(Met<'_>, u32, &mut Recording) -> Result<R, PlayError>,
-) -> anyhow::Result<R> {
+) -> anyhow::Result<(R, Option<LoopReport>)> {
     let domain = args.domain();
     if args.spawn {
         checked_policy(args.policy.as_deref())?;

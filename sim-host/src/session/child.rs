@@ -1,12 +1,14 @@
 //! A controller in a process of its own, started by this one.
 
 use std::ffi::OsString;
-use std::io;
+use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
+use controller::host::realtime::LoopReport;
 use rustix::process::{Pid, Signal, kill_process};
+use serde::Deserialize;
 
 /// How long a controller may take to end after its run.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -33,7 +35,7 @@ impl ControllerCall {
     /// The arguments of the `controller` program that say this.
     #[must_use]
     pub fn arguments(&self) -> Vec<OsString> {
-        let mut arguments: Vec<OsString> = vec!["--once".into()];
+        let mut arguments: Vec<OsString> = vec!["--once".into(), "--json".into()];
         if let Some(policy) = &self.policy {
             arguments.extend(["--policy".into(), policy.into()]);
         }
@@ -50,6 +52,13 @@ impl ControllerCall {
     }
 }
 
+/// What a controller prints at its end, as far as it is of use here.
+#[derive(Debug, Deserialize)]
+struct Summary {
+    #[serde(rename = "loop")]
+    real_time: Option<LoopReport>,
+}
+
 /// A running controller process. It never outlives this value: when dropped,
 /// it is asked to end, then made to, and always reaped.
 #[derive(Debug)]
@@ -60,7 +69,7 @@ pub struct ControllerChild {
 
 impl ControllerChild {
     /// Starts this program again, as `… controller <arguments>`. Its errors go
-    /// to this process's stderr, its summary nowhere.
+    /// to this process's stderr, its summary to [`ControllerChild::finish`].
     ///
     /// # Errors
     /// When the program cannot be started.
@@ -77,7 +86,7 @@ impl ControllerChild {
             .arg("controller")
             .args(call.arguments())
             .stdin(Stdio::null())
-            .stdout(Stdio::null())
+            .stdout(Stdio::piped())
             .spawn()?;
         Ok(Self { child, status: None })
     }
@@ -97,18 +106,25 @@ impl ControllerChild {
     }
 
     /// Waits for it to end by itself, as it does when the run is over; after
-    /// some seconds it is made to.
+    /// some seconds it is made to. How it ended, and in real time the figures of
+    /// its loop.
     ///
     /// # Errors
     /// When the system cannot tell.
-    pub fn finish(mut self) -> io::Result<ExitStatus> {
+    pub fn finish(mut self) -> io::Result<(ExitStatus, Option<LoopReport>)> {
         if !self.wait(PATIENCE) {
             self.child.kill()?;
         }
         // Reaped already, this only says again how it ended.
         let status = self.child.wait()?;
         self.status = Some(status);
-        Ok(status)
+        // Small beside what a pipe holds: it need not be read while the controller runs.
+        let mut summary = String::new();
+        if let Some(pipe) = &mut self.child.stdout {
+            pipe.read_to_string(&mut summary)?;
+        }
+        let summary: Option<Summary> = serde_json::from_str(&summary).ok();
+        Ok((status, summary.and_then(|summary| summary.real_time)))
     }
 
     /// Whether it has ended within `patience`.

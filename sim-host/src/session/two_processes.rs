@@ -7,6 +7,7 @@ use std::time::{Duration, UNIX_EPOCH};
 
 use controller::host::domain::DomainError;
 use controller::host::patient::{Notice, Patient};
+use controller::host::realtime::LoopReport;
 use controller::host::shm::{ConnectError, Missing, ShmLeg};
 use controller::host::{Domain, LegLink, Stop, Terms};
 
@@ -122,12 +123,15 @@ pub fn play(
     observe: impl FnMut(&TickRecord),
 ) -> Result<Outcome, PlayError> {
     let options = Options { timeout: meeting.timeout, epoch: meeting.epoch };
-    play_by(scenario.terms(), meeting, stop, tell, |met| {
+    let (outcome, _) = play_by(scenario.terms(), meeting, stop, tell, |met| {
         Ok(lock_step::run(scenario, &mut met.in_lock_step(), options, observe)?)
-    })
+    })?;
+    Ok(outcome)
 }
 
 /// As [`play`], in whatever way `run` plays once the two have met on `terms`.
+/// Beside what came of that: the figures of a controller's loop in real time, if
+/// it was started here.
 ///
 /// # Errors
 /// As [`play`].
@@ -137,7 +141,7 @@ pub fn play_by<R>(
     stop: &Stop,
     mut tell: impl FnMut(News<'_>),
     run: impl FnOnce(Met<'_>) -> Result<R, PlayError>,
-) -> Result<R, PlayError> {
+) -> Result<(R, Option<LoopReport>), PlayError> {
     // Before the child and dropped after it, so that the last to leave is this process,
     // and takes along what a killed child left.
     let domain = Domain::join(&meeting.domain)?;
@@ -155,9 +159,9 @@ pub fn play_by<R>(
     let mut wanted = || child.as_mut().is_none_or(|child| child.ended().is_none());
     let (patience, tell, wanted) = (meeting.timeout, &mut tell as _, &mut wanted as _);
     let outcome = run(Met { link, patience, tell, wanted })?;
-    match child.map(ControllerChild::finish) {
-        Some(Ok(status)) if !status.success() => Err(PlayError::Controller(status)),
-        Some(Err(cause)) => Err(PlayError::Start(cause)),
-        _ => Ok(outcome),
+    let Some(child) = child else { return Ok((outcome, None)) };
+    match child.finish().map_err(PlayError::Start)? {
+        (status, of_its_loop) if status.success() => Ok((outcome, of_its_loop)),
+        (status, _) => Err(PlayError::Controller(status)),
     }
 }

@@ -63,14 +63,23 @@ fn two_processes_hop_by_the_clock_and_say_how_it_went() {
 fn within_a_process_and_with_a_controller_started_the_same_is_said() {
     let place = Place::new();
     let of_run = ["--real-time", "--duration", "0.5", "--spin", "50"];
-    let within = place.alone(&[&["--in-process", "--json"], &of_run[..]].concat()).end();
-    let report = json(&within.assert_ok().out);
-    assert_adds_up(&report["loop"], "leg");
-    assert_adds_up(&report["controller_loop"], "controller");
+    for controller in ["--in-process", "--spawn"] {
+        let run = place.alone(&[&[controller, "--json"], &of_run[..]].concat()).end();
+        let report = json(&run.assert_ok().out);
+        assert_adds_up(&report["loop"], "leg");
+        assert_adds_up(&report["controller_loop"], "controller");
+    }
 
     let spawned = place.alone(&[&["--spawn", "--live"], &of_run[..]].concat()).end();
     spawned.assert_ok();
-    for part in ["time over", "the leg's loop", "wake-up lateness", "p99.9", "deadlines missed"] {
+    for part in [
+        "time over",
+        "the leg's loop",
+        "the controller's loop",
+        "wake-up lateness",
+        "p99.9",
+        "deadlines missed",
+    ] {
         assert!(spawned.out.contains(part), "{part} is not in: {}", spawned.out);
     }
     place.assert_clean();
