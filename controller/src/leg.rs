@@ -1,6 +1,6 @@
 //! The leg that a policy was trained for, as the blob states it.
 
-use crate::policy::crc32;
+use crate::checksum::crc32;
 use serde::{Deserialize, Serialize};
 
 /// Parameters of the spring leg (SLIP in a fluid), SI units, f32.

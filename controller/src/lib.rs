@@ -15,9 +15,9 @@
 //! fixed rate.
 //!
 //! ```
-//! use controller::control::{Config, Controller};
-//! use controller::policy::{self, Policy};
-//! use controller::wire::{Header, Sample, WIRE_VERSION, flags};
+//! use leg_control::control::{Config, Controller};
+//! use leg_control::policy::{self, Policy};
+//! use leg_control::wire::{Header, Sample, WIRE_VERSION, flags};
 //!
 //! let policy = Policy::parse(policy::SHIPPED)?; // or a blob at a flash address
 //! let mut controller = Controller::new(policy, Config::at_rate(1_000)?);
@@ -44,11 +44,11 @@
 //!
 //! `command` says the angle at which to hold the swinging leg, and the ramp of
 //! the spring's rest length until the next tick; see [`wire::Command`].
-#![cfg_attr(not(feature = "host"), no_std)]
-#![cfg_attr(not(feature = "host"), forbid(unsafe_code))]
+#![no_std]
+#![forbid(unsafe_code)]
 // Without std nobody catches a panic: what could raise one does not pass.
 #![cfg_attr(
-    not(any(test, feature = "host")),
+    not(test),
     deny(
         clippy::unwrap_used,
         clippy::expect_used,
@@ -59,11 +59,10 @@
 )]
 
 pub mod actor;
+pub mod checksum;
 pub mod control;
 pub mod gait;
 pub mod guard;
-#[cfg(feature = "host")]
-pub mod host;
 pub mod leg;
 pub mod medium;
 pub mod policy;

@@ -5,8 +5,6 @@ pub mod bridge;
 pub mod cli;
 pub mod faults;
 pub mod operate;
-pub mod output;
-pub mod plant;
 pub mod plot;
 pub mod record;
 pub mod replay;

@@ -1,12 +1,13 @@
 //! `sim-host apex` from the outside.
 
+#[path = "../plant/tests/common/mod.rs"]
 mod common;
 
 use std::io::Write;
 use std::process::{Command, Output, Stdio};
 
 use common::{Case, GOLDEN, for_each_row};
-use sim_host::plant::Outcome;
+use leg_plant::Outcome;
 
 fn apex(arguments: &[&str], input: &str) -> Output {
     let mut child = Command::new(env!("CARGO_BIN_EXE_sim-host"))

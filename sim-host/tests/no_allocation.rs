@@ -13,14 +13,15 @@ use std::thread;
 use std::time::Duration;
 
 use allocation_counter::{AllocationInfo, measure};
-use controller::control::{Config, Controller};
-use controller::host::blob::PolicyBlob;
-use controller::host::realtime::{
+use leg_control::control::{Config, Controller};
+use leg_control::wire::{Command, Sample};
+use leg_host::realtime::{
     ControllerTask, Counters, Ends, Grid, Law, Log, Monotonic, Plain, Task, clock::SPIN, drive,
 };
-use controller::host::shm::{ShmController, ShmLeg};
-use controller::host::{ControllerLink, Domain, LegLink, Pace, Role, Stop, memory};
-use controller::wire::{Command, Sample};
+use leg_host::shm::{ShmController, ShmLeg};
+use leg_host::{ControllerLink, Domain, LegLink, Pace, Role, memory};
+use leg_program::Stop;
+use leg_program::policy_file::PolicyBlob;
 use sim_host::scenario::{Scenario, Settings};
 use sim_host::session::real_time::{LegTask, Options};
 use sim_host::session::{Ending, Hooks, Leg, TickRecord};
@@ -146,7 +147,7 @@ fn over_shared_memory_only_the_loan_of_a_message_allocates_and_gives_back() {
     let dir = tempfile::tempdir().expect("a temporary folder");
     let base = dir.path().join("base");
     let join = || Domain::join_in(&base, "warm").expect("a domain");
-    let terms = controller::host::Terms::at(RATE_HZ).with_pace(Pace::RealTime);
+    let terms = leg_host::Terms::at(RATE_HZ).with_pace(Pace::RealTime);
     let [leg, controller] = play(
         || ShmLeg::connect(&join(), terms, LONG, &Stop::default()).expect("a controller"),
         || ShmController::connect(&join(), terms, LONG, &Stop::default()).expect("a leg"),

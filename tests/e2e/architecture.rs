@@ -1,6 +1,9 @@
 //! What `ARCHITECTURE.md` promises, checked.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
+
+use serde::Deserialize;
 
 /// Every path that the code map names exists.
 #[test]
@@ -19,37 +22,96 @@ fn every_path_that_the_architecture_names_exists() {
     assert!(missing.is_empty(), "ARCHITECTURE.md names what is not there: {missing:?}");
 }
 
-fn dependencies_of(package: &str, more: &[&str]) -> Vec<String> {
+/// What each library may depend on, of this workspace and of crates.io: its normal
+/// dependencies, direct ones. Everything else is refused.
+const ALLOWED: [(&str, &[&str]); 3] = [
+    ("leg-kernel-m4f", &["heapless"]),
+    (
+        "leg-control",
+        &[
+            "bytemuck",
+            "crc",
+            "embedded-io",
+            "heapless",
+            "leg-kernel-m4f",
+            "libm",
+            "micromath",
+            "nalgebra",
+            "postcard",
+            "serde",
+        ],
+    ),
+    ("leg-plant", &["libm", "serde", "smallvec", "thiserror"]),
+];
+
+/// Which packages of this workspace each may depend on.
+const ARROWS: [(&str, &[&str]); 6] = [
+    ("leg-program", &["leg-control"]),
+    ("leg-host", &["leg-control", "leg-program"]),
+    ("sim-host", &["leg-control", "leg-host", "leg-plant", "leg-program"]),
+    ("trainer", &["leg-control", "leg-plant", "leg-program"]),
+    (
+        "paper-figures",
+        &["leg-control", "leg-host", "leg-plant", "leg-program", "sim-host", "trainer"],
+    ),
+    ("leg-kernel-m4f", &[]),
+];
+
+#[derive(Deserialize)]
+struct Metadata {
+    packages: Vec<Package>,
+}
+
+#[derive(Deserialize)]
+struct Package {
+    name: String,
+    dependencies: Vec<Dependency>,
+}
+
+#[derive(Deserialize)]
+struct Dependency {
+    name: String,
+    kind: Option<String>,
+}
+
+/// The normal dependencies of each package of the workspace.
+fn dependencies() -> BTreeMap<String, BTreeSet<String>> {
     let output = Command::new(env!("CARGO"))
-        .args(["tree", "--package", package, "--edges", "normal", "--prefix", "none"])
-        .args(["--format", "{p}"])
-        .args(more)
+        .args(["metadata", "--format-version", "1", "--no-deps"])
         .current_dir(tests::root())
         .output()
         .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let names = String::from_utf8(output.stdout).unwrap();
-    names.lines().filter_map(|l| l.split(' ').next()).map(str::to_owned).collect()
+    let metadata: Metadata = serde_json::from_slice(&output.stdout).unwrap();
+    let normal = |package: Package| {
+        let of_it = package.dependencies.into_iter().filter(|d| d.kind.is_none()).map(|d| d.name);
+        (package.name, of_it.collect())
+    };
+    metadata.packages.into_iter().map(normal).collect()
 }
 
-/// The controller for a microcontroller never depends on the host's side.
+fn set(names: &[&str]) -> BTreeSet<String> {
+    names.iter().map(ToString::to_string).collect()
+}
+
+/// The libraries that firmware and others build on depend on what is listed, no more.
 #[test]
-fn the_controller_depends_on_nothing_of_the_host() {
-    let found = dependencies_of("controller", &["--no-default-features"]);
-    assert!(found.contains(&"heapless".to_owned()), "{found:?}");
-    for forbidden in ["sim-host", "trainer", "iceoryx2", "clap", "anyhow"] {
-        assert!(!found.iter().any(|d| d == forbidden), "controller depends on {forbidden}");
+fn libraries_depend_on_nothing_but_what_is_allowed() {
+    let found = dependencies();
+    for (package, allowed) in ALLOWED {
+        let more: Vec<_> = found[package].difference(&set(allowed)).cloned().collect();
+        assert!(more.is_empty(), "{package} depends on {more:?}: allow it here, or drop it");
     }
 }
 
-/// The plant steps alone: no policy, no transport, no clock in its folder.
+/// Arrows between packages run one way.
 #[test]
-fn the_plant_knows_nothing_of_policies_transports_or_clocks() {
-    for entry in std::fs::read_dir(tests::root().join("sim-host/src/plant")).unwrap() {
-        let path = entry.unwrap().path();
-        let code = std::fs::read_to_string(&path).unwrap();
-        for forbidden in ["controller::", "iceoryx2", "std::time", "std::fs", "std::io"] {
-            assert!(!code.contains(forbidden), "{} uses {forbidden}", path.display());
-        }
+fn packages_depend_on_each_other_one_way() {
+    let found = dependencies();
+    let ours: BTreeSet<String> = found.keys().cloned().collect();
+    for (package, allowed) in ARROWS {
+        let inside: BTreeSet<_> = found[package].intersection(&ours).cloned().collect();
+        let more: Vec<_> = inside.difference(&set(allowed)).cloned().collect();
+        assert!(more.is_empty(), "{package} depends on {more:?}");
     }
 }

@@ -10,12 +10,12 @@ use tests::browser;
 
 /// Makes some figures: their files but for the report, which has a time.
 fn make(only: &str, threads: &str, folder: &Path) -> BTreeMap<String, String> {
-    let made = tests::program("trainer")
-        .args(["figures", "--quick", "--only", only, "--out"])
+    let made = tests::program("paper-figures")
+        .args(["--quick", "--only", only, "--out"])
         .arg(folder)
         .env("RAYON_NUM_THREADS", threads)
         .output()
-        .expect("the trainer runs");
+        .expect("the program runs");
     assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
     let files = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
     let drawn = files.filter(|path| path.extension().is_some_and(|e| e == "svg" || e == "csv"));
@@ -62,11 +62,11 @@ fn the_report_shows_every_figure_without_a_word_on_the_console() {
     let browser = browser::installed()
         .expect("Chromium is not installed; `cargo xtask setup` installs it, or says how");
     let folder = tempfile::tempdir().unwrap();
-    let made = tests::program("trainer")
-        .args(["figures", "--quick", "--out"])
+    let made = tests::program("paper-figures")
+        .args(["--quick", "--out"])
         .arg(folder.path())
         .output()
-        .expect("the trainer runs");
+        .expect("the program runs");
     assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
 
     let ids: Vec<String> = (3..=13).map(|number| format!("fig{number:02}")).collect();
@@ -100,11 +100,11 @@ fn the_report_shows_every_figure_without_a_word_on_the_console() {
 #[test]
 fn figures_that_are_not_there_are_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let refused = tests::program("trainer")
-        .args(["figures", "--only", "3,2", "--out"])
+    let refused = tests::program("paper-figures")
+        .args(["--only", "3,2", "--out"])
         .arg(folder.path().join("out"))
         .output()
-        .expect("the trainer runs");
+        .expect("the program runs");
     let said = String::from_utf8_lossy(&refused.stderr).into_owned();
     assert_eq!(refused.status.code(), Some(2), "{said}");
     assert!(said.contains("--only 2") && said.contains("3, 4, 5"), "{said}");

@@ -66,8 +66,8 @@ fn a_policy_is_trained_evaluated_and_flown_by_a_controller_of_its_own() {
 
 #[test]
 fn what_the_trainer_infers_is_what_the_shipped_policy_says() {
-    use controller::actor::Observation;
-    use controller::policy::{Policy, SHIPPED};
+    use leg_control::actor::Observation;
+    use leg_control::policy::{Policy, SHIPPED};
     let folder = tempfile::tempdir().unwrap();
     let observations = folder.path().join("obs.csv");
     std::fs::write(&observations, "vx,y,rho\n0.5,2,0\n-1.25,1.5,1\n").unwrap();

@@ -1,11 +1,11 @@
 //! The controller at a fixed rate against the tick-level plant does what the
 //! actor does on the apex map, ever more closely as the rate grows.
 
-use controller::actor::Observation;
-use controller::control::{Config, Controller};
-use controller::policy::{Policy, SHIPPED};
-use controller::wire::{Command, Header, Sample, WIRE_VERSION, flags};
-use sim_host::plant::{
+use leg_control::actor::Observation;
+use leg_control::control::{Config, Controller};
+use leg_control::policy::{Policy, SHIPPED};
+use leg_control::wire::{Command, Header, Sample, WIRE_VERSION, flags};
+use leg_plant::{
     Action, Apex, Body, EventKind, Flat, Hopper, Leg, LegCommand, Medium, Phase, TickPlant,
 };
 

@@ -10,7 +10,7 @@ mod text;
 pub use check::ConfigError;
 pub use text::{ReadError, SetError};
 
-use controller::policy::GainPoint;
+use leg_control::policy::GainPoint;
 use serde::{Deserialize, Serialize};
 
 /// A training: the agent, and the stages it goes through one after the other.
@@ -211,10 +211,10 @@ pub enum Tolerance {
 impl Tolerance {
     /// For the plant.
     #[must_use]
-    pub fn plant(self) -> sim_host::plant::Tolerance {
+    pub fn plant(self) -> leg_plant::Tolerance {
         match self {
-            Self::Golden => sim_host::plant::Tolerance::GOLDEN,
-            Self::Training => sim_host::plant::Tolerance::TRAINING,
+            Self::Golden => leg_plant::Tolerance::GOLDEN,
+            Self::Training => leg_plant::Tolerance::TRAINING,
         }
     }
 }

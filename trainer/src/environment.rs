@@ -8,10 +8,10 @@
 //! for there, only not to fall: the fastest gaits are the lowest.
 
 use crate::config::{Config, Episode, MediumDraw, Reward};
+use leg_plant::{Action, Apex, Hopper, Leg, Medium};
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
-use sim_host::plant::{Action, Apex, Hopper, Leg, Medium};
 
 /// An apex below this is no hop any more, m.
 pub const LOWEST_APEX_M: f64 = 1.0;
@@ -230,9 +230,9 @@ mod tests {
     use super::{Environment, Start, draw_start};
     use crate::config::MediumDraw;
     use crate::preset::Preset;
+    use leg_plant::{Action, Apex};
     use rand::SeedableRng;
     use rand_pcg::Pcg64;
-    use sim_host::plant::{Action, Apex};
 
     #[test]
     fn rewards_are_those_of_the_published_data() {

@@ -4,8 +4,8 @@ use crate::evaluate::gains::search;
 use crate::evaluate::selection::Standing;
 use crate::policy::{About, Frozen, blob};
 use crate::train::Training;
-use controller::host::blob::AlignedBytes;
-use controller::policy::{GainPoint, WriteError};
+use leg_control::policy::{GainPoint, WriteError};
+use leg_program::policy_file::AlignedBytes;
 
 /// The actor that a training kept, with all that its policy file needs.
 #[derive(Clone, Debug)]

@@ -11,7 +11,6 @@ pub mod ddpg;
 pub mod environment;
 pub mod evaluate;
 pub mod explore;
-pub mod figures;
 pub mod finish;
 mod lines;
 pub mod net;

@@ -2,14 +2,14 @@
 
 use crate::config::{Config, MediumDraw, Stage};
 use crate::net::mlp::Layer;
-use controller::actor::{
+use leg_control::actor::{
     ActionScaling, Actor, ObservationScaling, PANEL_ROWS, ShapeError, Widths, pack,
 };
-use controller::host::blob::AlignedBytes;
-use controller::leg::LegModel;
-use controller::policy::{
+use leg_control::leg::LegModel;
+use leg_control::policy::{
     GainPoint, GainSchedule, Manifest, Media, Policy, Provenance, WriteError, write,
 };
+use leg_program::policy_file::AlignedBytes;
 
 /// An actor by itself: packed weights and scalings.
 #[derive(Clone, Debug, PartialEq)]
@@ -199,7 +199,7 @@ mod tests {
     use super::Frozen;
     use crate::net::mlp::Layer;
     use crate::preset::Preset;
-    use controller::actor::{ActionScaling, ObservationScaling};
+    use leg_control::actor::{ActionScaling, ObservationScaling};
 
     #[test]
     fn layers_come_back_out_of_the_packed_weights() {

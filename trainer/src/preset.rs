@@ -8,7 +8,7 @@ use crate::config::{
     Config, Critic, Episode, Exploration, InitialWeights, Learning, Length, MediumDraw, Network,
     Reward, Selection, Stage, Tolerance,
 };
-use controller::policy::GainPoint;
+use leg_control::policy::GainPoint;
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_3, PI};
 
 /// A training with a name.
@@ -26,9 +26,10 @@ pub enum Preset {
     Robust,
 }
 
-/// Lowest and highest touchdown angle, rad, and elongation speed, m/s.
-pub(crate) const ACTION_LOW: [f32; 2] = [PI / 10.0, 0.0];
-pub(crate) const ACTION_HIGH: [f32; 2] = [PI / 1.2, 2.0];
+/// Lowest touchdown angle, rad, and elongation speed, m/s.
+pub const ACTION_LOW: [f32; 2] = [PI / 10.0, 0.0];
+/// Highest touchdown angle, rad, and elongation speed, m/s.
+pub const ACTION_HIGH: [f32; 2] = [PI / 1.2, 2.0];
 
 impl Preset {
     /// Its configuration.

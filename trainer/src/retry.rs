@@ -74,9 +74,9 @@ impl Fallen {
 mod tests {
     use super::{Fallen, KEPT};
     use crate::environment::Start;
+    use leg_plant::Apex;
     use rand::SeedableRng;
     use rand_pcg::Pcg64;
-    use sim_host::plant::Apex;
 
     fn start(vx_m_s: f64, density_ratio: f64) -> Start {
         Start { apex: Apex { vx_m_s, y_m: 2.0 }, density_ratio }

@@ -6,7 +6,7 @@
 //! beside the repository; without that folder these tests pass, and say on the
 //! standard error that they were skipped.
 
-use controller::policy::GainPoint;
+use leg_control::policy::GainPoint;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use std::io::Write;

@@ -1,8 +1,8 @@
 //! Policies out to safetensors and ONNX and in again; files that others write, and
 //! files that are damaged.
 
-use controller::host::blob::AlignedBytes;
-use controller::policy::{Policy, SHIPPED};
+use leg_control::policy::{Policy, SHIPPED};
+use leg_program::policy_file::AlignedBytes;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use safetensors::tensor::TensorView;
@@ -151,7 +151,7 @@ fn damaged_files_are_refused_or_read_but_never_a_panic() {
     for (bytes, import) in imports() {
         let check = |bytes: &[u8]| match import(bytes).map(|d| d.complete(&Given::default())) {
             Ok(Ok(imported)) => {
-                let observation = controller::actor::Observation::default();
+                let observation = leg_control::actor::Observation::default();
                 let action = imported.frozen.actor().act(observation);
                 assert!(action.touchdown_angle_rad.is_finite());
                 true

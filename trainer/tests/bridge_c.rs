@@ -3,8 +3,8 @@
 //! Needs `gcc` on the path; without it these tests pass, and say on the standard
 //! error that they were skipped.
 
-use controller::actor::{Actor, Observation, ObservationScaling};
-use controller::policy::{Policy, SHIPPED};
+use leg_control::actor::{Actor, Observation, ObservationScaling};
+use leg_control::policy::{Policy, SHIPPED};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::io::Write;

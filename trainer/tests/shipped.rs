@@ -1,7 +1,7 @@
 //! The shipped policy hops and stops at every density.
 
-use controller::actor::Observation;
-use controller::policy::{Policy, SHIPPED};
+use leg_control::actor::Observation;
+use leg_control::policy::{Policy, SHIPPED};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use std::f32::consts::FRAC_PI_2;

@@ -8,10 +8,10 @@ use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use crate::board::{Board, Selected};
-use controller::control::safe_command;
-use controller::serial::frame::{self, MAX_FRAME};
-use controller::serial::message::{Alarm, Crash, ToHost};
-use controller::wire::{Command, Header};
+use leg_control::control::safe_command;
+use leg_control::serial::frame::{self, MAX_FRAME};
+use leg_control::serial::message::{Alarm, Crash, ToHost};
+use leg_control::wire::{Command, Header};
 
 /// Exit status of the emulator after a panic.
 const PANIC: u8 = 101;
@@ -117,7 +117,7 @@ mod fault {
 pub(crate) fn provoke() {
     #[cfg(feature = "provoke")]
     {
-        use controller::serial::pilot::SharedPilot;
+        use leg_control::serial::pilot::SharedPilot;
         /// Ticks that go well.
         const TICKS: u32 = 300;
         let (ticks, session) =

@@ -28,9 +28,9 @@ mod stack;
 mod tick;
 
 use board::{Board, Selected};
-use controller::serial::desk::{self, BoardFigures};
-use controller::serial::pilot::SharedPilot;
-use controller::serial::station::Station;
+use leg_control::serial::desk::{self, BoardFigures};
+use leg_control::serial::pilot::SharedPilot;
+use leg_control::serial::station::Station;
 use cortex_m_rt::entry;
 use pilot::PILOT;
 use slots::Slots;

@@ -9,7 +9,7 @@ use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicBool, Ordering};
 
-use controller::serial::pilot::{Pilot, SharedPilot};
+use leg_control::serial::pilot::{Pilot, SharedPilot};
 use cortex_m::register::basepri;
 
 /// Priority of the tick's interrupt; lower is more urgent.

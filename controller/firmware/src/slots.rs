@@ -4,8 +4,8 @@
 use core::marker::PhantomData;
 use core::ptr::addr_of_mut;
 
-use controller::serial::message::Slot;
-use controller::serial::slots::{FlashFault, PolicyFlash};
+use leg_control::serial::message::Slot;
+use leg_control::serial::slots::{FlashFault, PolicyFlash};
 
 use crate::board::FlashChip;
 

@@ -2,9 +2,9 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use controller::serial::frame::{self, MAX_FRAME};
-use controller::serial::message::{Mode, ToHost};
-use controller::serial::pilot::{Pilot, SharedPilot};
+use leg_control::serial::frame::{self, MAX_FRAME};
+use leg_control::serial::message::{Mode, ToHost};
+use leg_control::serial::pilot::{Pilot, SharedPilot};
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::exception;
 

@@ -193,7 +193,7 @@ pub(super) struct Assembly;
 impl Kernel for Assembly {
     #[inline(always)]
     fn push_outputs(y: &mut Outputs, columns: &[Column], x: &[f32]) {
-        kernel_m4f::push_outputs(y, columns, x);
+        leg_kernel_m4f::push_outputs(y, columns, x);
     }
 
     #[inline(always)]

@@ -56,22 +56,6 @@ pub const PREAMBLE_LEN: usize = 8 + 2 + 4;
 /// Bytes of the checksum at the end.
 const CRC_LEN: usize = 4;
 
-static CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
-
-/// CRC-32 ISO HDLC: the checksum at the end of a blob, of a frame, of a seal.
-/// Once in an image, however many call it.
-#[inline(never)]
-pub(crate) fn crc32(bytes: &[u8]) -> u32 {
-    // By fours: arrays are unrolled everywhere.
-    let (fours, rest) = bytes.as_chunks::<4>();
-    let mut digest = CRC.digest();
-    for four in fours {
-        digest.update(four);
-    }
-    digest.update(rest);
-    digest.finalize()
-}
-
 /// Everything in a blob but the weights and the test vectors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Manifest<'a> {

@@ -2,9 +2,10 @@
 
 use super::{
     CRC_LEN, FORMAT_VERSION, Field, MAGIC, MIN_TEST_VECTORS, Manifest, PREAMBLE_LEN, ParseError,
-    TestVector, TestVectors, crc32, read,
+    TestVector, TestVectors, read,
 };
 use crate::actor::Actor;
+use crate::checksum::crc32;
 use crate::leg::all_within;
 
 // Far beyond any leg; within them no figure of a command can overflow.

@@ -3,6 +3,7 @@
 extern crate std;
 use super::fixture::{Bytes, blob_of, manifest, weights};
 use super::*;
+use crate::checksum::crc32;
 use proptest::prelude::*;
 use std::vec;
 use std::vec::Vec as StdVec;

@@ -2,9 +2,10 @@
 
 use super::{
     Blob, CRC_LEN, FORMAT_VERSION, MAGIC, MAX_TEST_VECTORS, Manifest, ParseError, Policy,
-    TestVector, WriteError, crc32,
+    TestVector, WriteError,
 };
 use crate::actor::{Actor, Observation};
+use crate::checksum::crc32;
 use heapless::Vec;
 
 /// Observations of the test vectors: all of the trained range, fast and slow,

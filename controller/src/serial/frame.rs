@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use super::PROTOCOL_VERSION;
 use super::message::LineCounts;
-use crate::policy::crc32;
+use crate::checksum::crc32;
 use crate::postcard_once;
 
 /// Most bytes of a message, encoded.

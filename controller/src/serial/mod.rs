@@ -18,6 +18,3 @@ pub mod station;
 /// The protocol spoken here: raised whenever the bytes of any message or of
 /// the framing change.
 pub const PROTOCOL_VERSION: u8 = 1;
-
-#[cfg(all(test, feature = "host"))]
-mod tests;

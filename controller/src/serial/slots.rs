@@ -20,6 +20,7 @@
 //! 0. Blank is all ones, or all zeros, as memory that only plays flash has it.
 
 use super::message::{BlobFault, Slot, SlotFault};
+use crate::checksum::{self, crc32};
 use crate::policy::{self, MAGIC, ParseError, Policy};
 
 /// Bytes at the end of a slot that are not for the blob.
@@ -100,7 +101,7 @@ impl Seal {
         for (word, bytes) in words.iter_mut().zip(bytes.as_chunks().0) {
             *word = u32::from_le_bytes(*bytes);
         }
-        let sealed = policy::crc32(bytes.get(..SEALED_LEN)?);
+        let sealed = crc32(bytes.get(..SEALED_LEN)?);
         Some((room, Self::of(words, sealed)))
     }
 
@@ -250,7 +251,7 @@ pub fn seal(
 ) -> Result<(), FlashFault> {
     let sequence = sequence(flash.bytes(slot.other())).saturating_add(1).min(u32::MAX - 1);
     let words = [OPENED, sequence, length, crc32].map(u32::to_le);
-    let sum = policy::crc32(bytemuck::bytes_of(&words));
+    let sum = checksum::crc32(bytemuck::bytes_of(&words));
     program_seal(flash, slot, place::SEQUENCE, sequence)?;
     program_seal(flash, slot, place::LENGTH, length)?;
     program_seal(flash, slot, place::CRC32, crc32)?;

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
-use controller::host::Domain;
+use leg_host::Domain;
 use memmap2::{MmapOptions, MmapRaw};
 
 use super::{Ping, Pong, spin_for};

@@ -2,11 +2,11 @@
 //! settings of the link and nothing around them.
 
 use anyhow::Context;
-use controller::host::Domain;
-use controller::host::shm;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{Node, NodeBuilder, SignalHandlingMode, ZeroCopySend, ipc};
+use leg_host::Domain;
+use leg_host::shm;
 
 use super::{Ping, Pong, spin_for};
 

@@ -13,11 +13,12 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use controller::control::{Config, Controller};
-use controller::host::blob::PolicyBlob;
-use controller::host::serve::serve;
-use controller::host::shm::{ShmController, ShmLeg};
-use controller::host::{Domain, Stop};
+use leg_control::control::{Config, Controller};
+use leg_host::Domain;
+use leg_host::serve::serve;
+use leg_host::shm::{ShmController, ShmLeg};
+use leg_program::Stop;
+use leg_program::policy_file::PolicyBlob;
 use serde::Serialize;
 
 use crate::scenario::Scenario;

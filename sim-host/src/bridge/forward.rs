@@ -3,13 +3,13 @@
 
 use std::time::{Duration, Instant};
 
-use controller::host::serial::client::REQUEST_PATIENCE;
-use controller::host::serial::{ClientError, Heard, Who};
-use controller::host::serve::ServeError;
-use controller::host::shm::ShmController;
-use controller::host::{Link, LinkError};
-use controller::serial::message::{Alarm, Mode, Reply, Request};
-use controller::wire::{Command, Sample, flags};
+use leg_control::serial::message::{Alarm, Mode, Reply, Request};
+use leg_control::wire::{Command, Sample, flags};
+use leg_host::serial::client::REQUEST_PATIENCE;
+use leg_host::serial::{ClientError, Heard, Who};
+use leg_host::serve::ServeError;
+use leg_host::shm::ShmController;
+use leg_host::{Link, LinkError};
 
 use super::BridgeError;
 use super::report::{Report, Times};
@@ -372,7 +372,7 @@ impl Forwarder {
             board: self.target.who.board.clone(),
             firmware: self.target.who.firmware.clone(),
             policy: self.target.who.policy.as_ref().map(|policy| policy.name.clone()),
-            mode: controller::host::serial::commands::mode_name(self.mode),
+            mode: leg_host::serial::commands::mode_name(self.mode),
             ticks: self.ticks,
             ticks_per_s: self.ticks as f64 / wall.as_secs_f64(),
             round_trip_us: self.times.round_trips_us(),

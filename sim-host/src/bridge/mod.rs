@@ -13,13 +13,14 @@ mod target;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use controller::host::domain::DomainError;
-use controller::host::serial::{ClientError, OpenError};
-use controller::host::serve::ServeError;
-use controller::host::shm::{ConnectError, ShmController};
-use controller::host::socket::SocketError;
-use controller::host::{Domain, LinkError, Stop, Terms};
-use controller::wire::WIRE_VERSION;
+use leg_control::wire::WIRE_VERSION;
+use leg_host::domain::DomainError;
+use leg_host::serial::{ClientError, OpenError};
+use leg_host::serve::ServeError;
+use leg_host::shm::{ConnectError, ShmController};
+use leg_host::socket::SocketError;
+use leg_host::{Domain, LinkError, Terms};
+use leg_program::Stop;
 
 use forward::Forwarder;
 pub use report::Report;
@@ -131,7 +132,7 @@ pub fn run(options: &Options, dial: Dial, tell: Tell, stop: &Stop) -> Result<Rep
     let mut said = false;
     let mut broke = None;
     let link = ShmController::connect_watching(&domain, meeting, timeout, stop, |missing| {
-        if !said && missing.waited >= controller::host::cli::SAY_AFTER {
+        if !said && missing.waited >= leg_host::cli::SAY_AFTER {
             said = true;
             forwarder.notice(&Notice::Waiting(missing.to_string()));
         }

@@ -3,8 +3,8 @@
 use std::fmt;
 use std::time::Duration;
 
-use controller::host::serial::Counts;
-use controller::serial::message::{LineCounts, Statistics};
+use leg_control::serial::message::{LineCounts, Statistics};
+use leg_host::serial::Counts;
 use serde::Serialize;
 
 use crate::session::{RoundTripUs, RoundTrips};

@@ -15,9 +15,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use controller::host::socket::{SocketError, SocketFile};
-use controller::serial::frame::{self, MAX_FRAME, Receiver};
-use controller::serial::message::{Refusal, Reply, Request, ToController, ToHost};
+use leg_control::serial::frame::{self, MAX_FRAME, Receiver};
+use leg_control::serial::message::{Refusal, Reply, Request, ToController, ToHost};
+use leg_host::socket::{SocketError, SocketFile};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 /// How often the thread looks whether to end.

@@ -3,11 +3,12 @@
 use std::fmt;
 use std::time::{Duration, Instant};
 
-use controller::host::serial::client::{ClientError, HELLO_PATIENCE, random_u32};
-use controller::host::serial::{ByteStream, Client, OpenError, Who, faults};
-use controller::host::{LinkError, Stop};
-use controller::serial::message::{Alarm, Mode, Request, Statistics};
-use controller::wire::WIRE_VERSION;
+use leg_control::serial::message::{Alarm, Mode, Request, Statistics};
+use leg_control::wire::WIRE_VERSION;
+use leg_host::LinkError;
+use leg_host::serial::client::{ClientError, HELLO_PATIENCE, random_u32};
+use leg_host::serial::{ByteStream, Client, OpenError, Who, faults};
+use leg_program::Stop;
 
 use super::BridgeError;
 

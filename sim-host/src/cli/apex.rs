@@ -7,10 +7,10 @@ use std::io::{self, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use crate::output::replace;
-use crate::plant::{Action, Apex, Hop, Hopper, Leg, Medium, Outcome};
 use anyhow::Context;
 use csv::StringRecord;
+use leg_plant::{Action, Apex, Hop, Hopper, Leg, Medium, Outcome};
+use leg_program::output::replace;
 
 use super::Misuse;
 
@@ -224,7 +224,7 @@ fn hop([m, k, g, rho, vx, y, alpha, rs]: [f64; 8]) -> anyhow::Result<Hop> {
     let mut parameters = *Leg::human().parameters();
     parameters.mass_kg = m;
     parameters.stiffness_n_m = k;
-    let misuse = |error: crate::plant::ParameterError| Misuse(error.to_string());
+    let misuse = |error: leg_plant::ParameterError| Misuse(error.to_string());
     let leg = Leg::new(parameters).map_err(misuse)?;
     let medium = Medium::new(rho, g).map_err(misuse)?;
     let start = Apex { vx_m_s: vx, y_m: y };

@@ -2,7 +2,8 @@
 
 use std::process::{Command, ExitCode, Stdio};
 
-use controller::host::{Domain, print};
+use leg_host::Domain;
+use leg_program::print;
 
 use crate::bench::{self, Size};
 

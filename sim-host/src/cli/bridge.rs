@@ -3,14 +3,16 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use controller::control::Config;
-use controller::host::cli::Meeting;
-use controller::host::domain::DomainError;
-use controller::host::serial::stream::EndpointArgs;
-use controller::host::serial::{ByteStream, Noisy, OpenError};
-use controller::host::shm::ConnectError;
-use controller::host::{Stop, print};
-use controller::serial::message::Mode;
+use leg_control::control::Config;
+use leg_host::cli::Meeting;
+use leg_host::domain::DomainError;
+use leg_host::serial::stream::EndpointArgs;
+use leg_host::serial::{ByteStream, Noisy, OpenError};
+use leg_host::shm::ConnectError;
+use leg_program::Stop;
+use leg_program::print;
+
+use leg_control::serial::message::Mode;
 
 use super::misuse;
 use crate::bridge::{self, BridgeError, Dial, OnUnplug, Options, RunTerms};

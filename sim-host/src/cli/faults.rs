@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use controller::host::print;
+use leg_program::print;
 
 use crate::faults::help;
 

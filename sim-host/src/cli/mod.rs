@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use controller::host::blob::PolicyBlob;
+use leg_program::policy_file::PolicyBlob;
 
 /// Plays the leg to a controller. Without a command: the shore, the leg's way
 /// out of the sea onto land.
@@ -40,7 +40,7 @@ enum Command {
     /// Play a scenario to a controller, in lock-step or in real time.
     Run(Box<run::Args>),
     /// Be the controller: as the `controller` program.
-    Controller(controller::host::cli::Call),
+    Controller(leg_host::cli::Call),
     /// Be the controller by way of a flashed one, on a serial line.
     Bridge(Box<bridge::Args>),
     /// Watch a running leg in the terminal, and operate it.
@@ -92,7 +92,7 @@ fn play(program: &Program) -> anyhow::Result<ExitCode> {
         Some(Command::Recorder { path }) => Ok(crate::record::recorder(path)),
         Some(Command::Apex(args)) => apex::main(args),
         Some(Command::Bench { what }) => bench::main(what),
-        Some(Command::Controller(args)) => Ok(controller::host::cli::main(args)),
+        Some(Command::Controller(args)) => Ok(leg_host::cli::main(args)),
     }
 }
 

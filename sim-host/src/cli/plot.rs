@@ -6,8 +6,8 @@ use std::process::ExitCode;
 use anyhow::Context;
 
 use super::misuse;
-use crate::output;
 use crate::plot::{Course, picture};
+use leg_program::output;
 
 /// Draws a recording over time: height, velocity at each apex and set-point,
 /// density, commands; what happened, and when the leg was under a safe command.

@@ -3,11 +3,13 @@
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-use controller::control::Controller;
-use controller::host::realtime::cli::{RealTimeArgs, parse_cpu};
-use controller::host::realtime::drive::Options as LoopOptions;
-use controller::host::realtime::{self, Ends, LoopReport, Plain, Shared};
-use controller::host::{Pace, Role, Stop, memory, print};
+use leg_control::control::Controller;
+use leg_host::realtime::cli::{RealTimeArgs, parse_cpu};
+use leg_host::realtime::drive::Options as LoopOptions;
+use leg_host::realtime::{self, Ends, LoopReport, Plain, Shared};
+use leg_host::{Pace, Role, memory};
+use leg_program::Stop;
+use leg_program::print;
 
 use super::recording::Recording;
 use super::{checked_policy, misuse, run};

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use controller::host::Pace;
-use controller::host::realtime::{Listener, Word};
-use controller::policy::Policy;
+use leg_control::policy::Policy;
+use leg_host::Pace;
+use leg_host::realtime::{Listener, Word};
 
 use super::misuse;
 use crate::record::schema::{Config, End, Loop, Policy as PolicyMessage};

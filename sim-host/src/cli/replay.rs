@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use controller::host::blob::PolicyBlob;
-use controller::host::print;
+use leg_program::policy_file::PolicyBlob;
+use leg_program::print;
 
 use super::misuse;
 use crate::replay;

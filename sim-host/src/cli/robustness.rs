@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Context;
-use controller::host::print;
+use leg_program::print;
 
 use super::{checked_policy, misuse};
-use crate::output::Pending;
 use crate::robustness::{Media, Size, picture, sweep};
+use leg_program::output::Pending;
 
 const MOST_RUNS: u64 = 100_000;
 

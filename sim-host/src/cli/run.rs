@@ -4,15 +4,17 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use controller::control::{Config, Controller};
-use controller::host::cli::{Meeting as MeetingArgs, SAY_AFTER, other_leg};
-use controller::host::domain::DomainError;
-use controller::host::patient::Notice;
-use controller::host::realtime::{LoopReport, Shared};
-use controller::host::shm::ConnectError;
-use controller::host::{Pace, Role, Stop, Terms, print};
-use controller::policy::Policy;
-use controller::wire::Sample;
+use leg_control::control::{Config, Controller};
+use leg_control::policy::Policy;
+use leg_control::wire::Sample;
+use leg_host::cli::{Meeting as MeetingArgs, SAY_AFTER, other_leg};
+use leg_host::domain::DomainError;
+use leg_host::patient::Notice;
+use leg_host::realtime::{LoopReport, Shared};
+use leg_host::shm::ConnectError;
+use leg_host::{Pace, Role, Terms};
+use leg_program::Stop;
+use leg_program::print;
 
 use super::recording::Recording;
 use super::{checked_policy, misuse, real_time};

@@ -6,18 +6,20 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::Context;
-use controller::host::{Pace, Stop, print};
 use indicatif::{ProgressBar, ProgressStyle};
+use leg_host::Pace;
+use leg_program::Stop;
+use leg_program::print;
 
 use super::checked_policy;
 use super::recording::Recording;
-use crate::output::Pending;
 use crate::scenario::{Scenario, Settings};
 use crate::session::TickRecord;
 use crate::session::child::ControllerCall;
 use crate::session::two_processes::{self, Meeting, epoch_now};
 use crate::shore::track::ApexMark;
 use crate::shore::{Recorder, picture};
+use leg_program::output::Pending;
 
 /// A line of the journal every so many metres.
 const JOURNAL_M: f64 = 5.0;

@@ -3,10 +3,10 @@
 use std::fmt::Display;
 use std::ops::RangeInclusive;
 
-use controller::host::faults::Window;
-use controller::host::faults::actuator::Limit;
-use controller::host::faults::message::Ice;
-use controller::host::faults::sensor::{Ill, Reading, StuckAt};
+use crate::faults::stage::Window;
+use crate::faults::stage::actuator::Limit;
+use crate::faults::stage::message::Ice;
+use crate::faults::stage::sensor::{Ill, Reading, StuckAt};
 
 use super::catalog::Kind;
 use super::setting::{BadFault, FaultSetting};

@@ -1,7 +1,7 @@
 //! Faults on purpose: what a user says, checked, and what becomes of it.
 //!
 //! Those on messages, sensors and actuators become the middleware of
-//! [`controller::host::faults`]; those of the leg's world, its mass and spring,
+//! [`crate::faults::stage`]; those of the leg's world, its mass and spring,
 //! the ground and the medium, are part of the [scenario](crate::scenario).
 //! What each fault draws comes from the run's seed and the fault's place in the
 //! list: the same again at every run.
@@ -9,14 +9,15 @@
 mod catalog;
 mod check;
 mod setting;
+pub mod stage;
 mod terrain;
 
 use std::fmt;
 
-use controller::host::faults::actuator::{Lag, Limit, Saturate};
-use controller::host::faults::message::{Corrupt, Delay, Drop, Duplicate, Freeze, Ice, Reorder};
-use controller::host::faults::sensor::{ContactNoise, Ill, Reading, Sensor, Stuck, StuckAt};
-use controller::host::faults::{Chain, Dice, OnTheWire, Plan, Stage, Window};
+use crate::faults::stage::actuator::{Lag, Limit, Saturate};
+use crate::faults::stage::message::{Corrupt, Delay, Drop, Duplicate, Freeze, Ice, Reorder};
+use crate::faults::stage::sensor::{ContactNoise, Ill, Reading, Sensor, Stuck, StuckAt};
+use crate::faults::stage::{Chain, Dice, OnTheWire, Plan, Stage, Window};
 use serde::Serialize;
 
 pub use catalog::{Kind, help};
@@ -245,7 +246,7 @@ impl Trouble {
 }
 
 impl SensorIll {
-    fn stage(self, dice: Dice) -> Box<dyn Stage<controller::wire::Sample>> {
+    fn stage(self, dice: Dice) -> Box<dyn Stage<leg_control::wire::Sample>> {
         match self {
             Self::Readings(readings, ill) => Box::new(Sensor::new(readings, ill, dice)),
             Self::ContactNoise(share) => Box::new(ContactNoise::new(share, dice)),
@@ -257,7 +258,7 @@ impl SensorIll {
 }
 
 impl ActuatorIll {
-    fn stage(self, tick_s: f64) -> Box<dyn Stage<controller::wire::Command>> {
+    fn stage(self, tick_s: f64) -> Box<dyn Stage<leg_control::wire::Command>> {
         match self {
             Self::Lag(time_constant_s) => Box::new(Lag::new(time_constant_s, tick_s)),
             Self::Saturate(limit) => Box::new(Saturate::new(limit, tick_s)),

@@ -2,9 +2,9 @@
 
 use std::f64::consts::TAU;
 
-use controller::host::faults::Dice;
+use crate::faults::stage::Dice;
 
-use crate::plant::Ground;
+use leg_plant::Ground;
 
 /// The shape of the ground; height 0 at x = 0.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,12 +1,12 @@
-use controller::control::{Config, Controller};
-use controller::host::memory::Inline;
-use controller::policy::{Policy, SHIPPED};
+use leg_control::control::{Config, Controller};
+use leg_control::policy::{Policy, SHIPPED};
+use leg_host::memory::Inline;
 
 use super::*;
-use crate::plant::EventKind;
 use crate::scenario::{Scenario, Settings};
 use crate::session::lock_step::{self, Options};
 use crate::session::{Outcome, stepped};
+use leg_plant::EventKind;
 
 fn scenario(toml: &str) -> Scenario {
     Scenario::from_settings(&Settings::from_toml(toml).unwrap()).unwrap()
@@ -24,7 +24,7 @@ fn refusal(fault: &str) -> String {
 }
 
 fn with_policy<R>(play: impl FnOnce(Controller<'_>) -> R) -> R {
-    let blob: controller::host::blob::AlignedBytes = SHIPPED.into();
+    let blob: leg_program::policy_file::AlignedBytes = SHIPPED.into();
     let policy = Policy::parse(blob.as_slice()).unwrap();
     play(Controller::new(policy, Config::at_rate(1000).unwrap()))
 }

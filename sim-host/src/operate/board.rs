@@ -4,11 +4,11 @@
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
-use controller::host::Stop;
-use controller::wire::flags;
+use leg_control::wire::flags;
+use leg_program::Stop;
 
-use crate::plant::EventKind;
 use crate::session::leg::{Leg, TickRecord};
+use leg_plant::EventKind;
 
 /// Bars of the histogram of round trips: the first up to 0.25 us, each twice as
 /// wide as the one before, the last without an end.

@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use controller::guard::Limits;
-use controller::host::desk::Desk;
-use controller::host::realtime::{LoopReport, Shared};
-use controller::host::socket::SocketError;
-use controller::host::{Domain, Pace, Role};
+use leg_control::guard::Limits;
+use leg_host::desk::Desk;
+use leg_host::realtime::{LoopReport, Shared};
+use leg_host::socket::SocketError;
+use leg_host::{Domain, Pace, Role};
 use serde::{Deserialize, Serialize};
 
 use super::board::{Board, Seen};

@@ -10,11 +10,12 @@ mod desk;
 
 use std::sync::Arc;
 
-use controller::host::desk::Desk;
-use controller::host::domain::DomainError;
-use controller::host::realtime::Shared;
-use controller::host::socket::SocketError;
-use controller::host::{Domain, Pace, Stop};
+use leg_host::desk::Desk;
+use leg_host::domain::DomainError;
+use leg_host::realtime::Shared;
+use leg_host::socket::SocketError;
+use leg_host::{Domain, Pace};
+use leg_program::Stop;
 
 use crate::session::{Hooks, Leg, TickRecord};
 

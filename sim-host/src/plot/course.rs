@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::path::Path;
 
-use controller::wire::flags;
+use leg_control::wire::flags;
 
 use crate::record::read::{Entry, ReadError, Reader};
 use crate::record::schema::{Apex, Command, Event, Sample, State};

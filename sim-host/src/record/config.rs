@@ -2,10 +2,10 @@
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use controller::host::Pace;
-use controller::host::realtime::{Row, Word};
-use controller::policy;
-use controller::wire::WIRE_VERSION;
+use leg_control::policy;
+use leg_control::wire::WIRE_VERSION;
+use leg_host::Pace;
+use leg_host::realtime::{Row, Word};
 
 use super::schema::{Config, End, Loop, Policy};
 use crate::scenario::{Scenario, Settings};

@@ -5,9 +5,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use controller::host::Role;
-use controller::host::desk;
-use controller::host::desk::requests::{Crc32, Moment, Policies, PolicyBytes, Request, SwapRecord};
+use leg_host::Role;
+use leg_host::desk;
+use leg_host::desk::requests::{Crc32, Moment, Policies, PolicyBytes, Request, SwapRecord};
 
 use super::recorder::Notes;
 use super::schema::Policy;
@@ -124,7 +124,7 @@ impl Known {
 
 #[cfg(test)]
 mod tests {
-    use controller::host::desk::requests::PolicyName;
+    use leg_host::desk::requests::PolicyName;
 
     use super::*;
 

@@ -4,7 +4,7 @@
 //! Floats are `required`: they are written also when they compare equal to 0,
 //! for -0 does too.
 
-use controller::wire;
+use leg_control::wire;
 use prost::Message;
 
 /// `leg.proto`, compiled: a `FileDescriptorSet`, the schema of every channel.

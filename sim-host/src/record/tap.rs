@@ -4,11 +4,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
-use controller::wire::{Command, Sample};
+use leg_control::wire::{Command, Sample};
 use rtrb::{Consumer, Producer, RingBuffer};
 
-use crate::plant::{Body, Event, Phase};
 use crate::session::TickRecord;
+use leg_plant::{Body, Event, Phase};
 
 /// Ticks and events between the loop and the thread that writes them out: a
 /// minute at 1 kHz, three seconds at 20 kHz; some 13 MB.
@@ -84,7 +84,7 @@ impl Tap {
         let (mut ring, mut reader) = RingBuffer::new(rows);
         // Once through all of its memory, so that no page of it is new to the loop.
         let blank = Row::Event(Event {
-            kind: crate::plant::EventKind::Fall,
+            kind: leg_plant::EventKind::Fall,
             t_s: 0.0,
             body: Body { x_m: 0.0, vx_m_s: 0.0, y_m: 0.0, vy_m_s: 0.0 },
         });
@@ -138,7 +138,7 @@ impl Tap {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plant::{EventKind, Medium, TickEvents};
+    use leg_plant::{EventKind, Medium, TickEvents};
 
     fn push(tap: &mut Tap, seq: u64) {
         let body = Body { x_m: 0.0, vx_m_s: 0.0, y_m: 1.0, vy_m_s: 0.0 };

@@ -3,7 +3,6 @@
 use super::pipe::Frames;
 use super::schema::{Apex, Command, Event, EventKind, Loop, Phase, Policy, Sample, State};
 use super::tap::{Row, TickRow};
-use crate::plant;
 
 /// Turns rows into messages, in their order.
 #[derive(Debug)]
@@ -55,11 +54,11 @@ impl Translator {
         frames.add(time_ns, &Sample::from(sample));
         frames.add(time_ns, &Command::over(*seq, command, tick.is_new, round_trip_ns));
         let (phase, foot_x_m, foot_y_m) = match tick.phase {
-            plant::Phase::Flight => (Phase::Flight, 0.0, 0.0),
-            plant::Phase::Stance { foot_x_m, foot_y_m } => (Phase::Stance, foot_x_m, foot_y_m),
-            plant::Phase::Fallen => (Phase::Fallen, 0.0, 0.0),
+            leg_plant::Phase::Flight => (Phase::Flight, 0.0, 0.0),
+            leg_plant::Phase::Stance { foot_x_m, foot_y_m } => (Phase::Stance, foot_x_m, foot_y_m),
+            leg_plant::Phase::Fallen => (Phase::Fallen, 0.0, 0.0),
         };
-        let plant::Body { x_m, vx_m_s, y_m, vy_m_s } = *body;
+        let leg_plant::Body { x_m, vx_m_s, y_m, vy_m_s } = *body;
         frames.add(
             time_ns,
             &State {
@@ -81,17 +80,17 @@ impl Translator {
         self.tick = Some(*tick);
     }
 
-    fn event(&mut self, event: &plant::Event, frames: &mut Frames) {
+    fn event(&mut self, event: &leg_plant::Event, frames: &mut Frames) {
         let Some(tick) = self.tick else { return };
         let t_s = self.before_s + tick.t_s + event.t_s;
-        let plant::Body { x_m, vx_m_s, y_m, vy_m_s } = event.body;
+        let leg_plant::Body { x_m, vx_m_s, y_m, vy_m_s } = event.body;
         let (kind, foot_x_m, foot_y_m) = match event.kind {
-            plant::EventKind::Touchdown { foot_x_m, foot_y_m } => {
+            leg_plant::EventKind::Touchdown { foot_x_m, foot_y_m } => {
                 (EventKind::Touchdown, foot_x_m, foot_y_m)
             }
-            plant::EventKind::LiftOff => (EventKind::LiftOff, 0.0, 0.0),
-            plant::EventKind::Fall => (EventKind::Fall, 0.0, 0.0),
-            plant::EventKind::Apex => {
+            leg_plant::EventKind::LiftOff => (EventKind::LiftOff, 0.0, 0.0),
+            leg_plant::EventKind::Fall => (EventKind::Fall, 0.0, 0.0),
+            leg_plant::EventKind::Apex => {
                 self.close_apex(false, &tick.command, frames);
                 self.open = Some(Apex {
                     seq: tick.seq,
@@ -115,7 +114,7 @@ impl Translator {
     fn close_apex(
         &mut self,
         answered: bool,
-        command: &controller::wire::Command,
+        command: &leg_control::wire::Command,
         frames: &mut Frames,
     ) {
         if let Some(apex) = self.open.take() {

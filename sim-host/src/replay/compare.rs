@@ -1,6 +1,6 @@
 //! Two commands, field by field.
 
-use controller::wire::{Command, Header};
+use leg_control::wire::{Command, Header};
 use serde::Serialize;
 
 /// A field in which two commands differ.

@@ -13,10 +13,10 @@ mod twin;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
-use controller::control::{Config as Law, ConfigError, Controller};
-use controller::host::blob::{AlignedBytes, BlobError, PolicyBlob};
-use controller::policy::{ParseError, Policy};
-use controller::wire::Command;
+use leg_control::control::{Config as Law, ConfigError, Controller};
+use leg_control::policy::{ParseError, Policy};
+use leg_control::wire::Command;
+use leg_program::policy_file::{AlignedBytes, BlobError, PolicyBlob};
 
 use crate::record::read::ReadError;
 use crate::record::schema::Config;
@@ -130,7 +130,7 @@ pub fn replay(path: &Path, other: Option<&PolicyBlob>) -> Result<Report, ReplayE
 }
 
 fn law(path: &Path, config: &Config) -> Result<Law, ReplayError> {
-    let ours = controller::wire::WIRE_VERSION;
+    let ours = leg_control::wire::WIRE_VERSION;
     if config.wire_version != u32::from(ours) {
         return Err(ReplayError::WireVersion {
             path: path.to_owned(),

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use controller::wire::Command;
+use leg_control::wire::Command;
 use serde::Serialize;
 
 use super::compare::{Difference, difference};

@@ -4,7 +4,7 @@
 use std::collections::VecDeque;
 use std::path::Path;
 
-use controller::wire::{self, Header};
+use leg_control::wire::{self, Header};
 
 use crate::record::read::{Entry, ReadError, Reader};
 use crate::record::schema::{Command, Config, Policy};

@@ -10,9 +10,9 @@
 
 use std::collections::VecDeque;
 
-use controller::control::Controller;
-use controller::policy::Policy;
-use controller::wire::{Command, Sample};
+use leg_control::control::Controller;
+use leg_control::policy::Policy;
+use leg_control::wire::{Command, Sample};
 
 use super::compare::{Difference, difference};
 use super::recorded;

@@ -2,20 +2,20 @@
 
 use std::time::Duration;
 
+use crate::faults::stage::Stepped;
 use clap::ValueEnum;
-use controller::control::{Config, ConfigError, Controller};
-use controller::host::Link;
-use controller::host::faults::Stepped;
-use controller::policy::Policy;
+use leg_control::control::{Config, ConfigError, Controller};
+use leg_control::policy::Policy;
+use leg_host::Link;
 use rayon::prelude::*;
 use serde::Serialize;
 
 use super::HOPS;
 use super::report::{Report, Row};
 use crate::faults::FaultSetting;
-use crate::plant::EventKind;
 use crate::scenario::{BadValue, Scenario, Settings};
 use crate::session::{Leg, TickRecord};
+use leg_plant::EventKind;
 
 /// Where the leg hops.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]

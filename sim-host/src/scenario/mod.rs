@@ -11,10 +11,10 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use controller::control::RATE_HZ;
-use controller::guard::Limits;
-use controller::host::Terms;
-use controller::leg::LegModel;
+use leg_control::control::RATE_HZ;
+use leg_control::guard::Limits;
+use leg_control::leg::LegModel;
+use leg_host::Terms;
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::{Rng, SeedableRng};
 
@@ -22,7 +22,7 @@ pub use profile::{Profile, SetPointCursor, SetPointStep, SetPoints};
 pub use settings::{DensitySense, LegPreset, MediumPreset, Points, Settings, StartSettings, Steps};
 
 use crate::faults::{self, Faults};
-use crate::plant::{Body, Ground, Leg, Medium};
+use leg_plant::{Body, Ground, Leg, Medium};
 
 /// Longest run, s.
 const MAX_DURATION_S: f64 = 86_400.0;

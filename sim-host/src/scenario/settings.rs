@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::profile::SetPointStep;
 use crate::faults::FaultSetting;
-use crate::plant::LegParameters;
+use leg_plant::LegParameters;
 
 /// A leg by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]

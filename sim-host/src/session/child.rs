@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-use controller::host::realtime::LoopReport;
+use leg_host::realtime::LoopReport;
 use rustix::process::{Pid, Signal, kill_process};
 use serde::Deserialize;
 

@@ -1,8 +1,8 @@
 //! A fingerprint of a whole run: equal runs, bit for bit, have equal hashes.
 
-use controller::wire::Command;
+use leg_control::wire::Command;
 
-use crate::plant::Body;
+use leg_plant::Body;
 
 /// Hash of a run's states and commands, 64 bits.
 ///

@@ -1,9 +1,9 @@
 //! The command in force at the leg, also when the next one is late.
 
-use controller::control::safe_command;
-use controller::wire::{Command, Header, WIRE_VERSION};
+use leg_control::control::safe_command;
+use leg_control::wire::{Command, Header, WIRE_VERSION};
 
-use crate::plant::LegCommand;
+use leg_plant::LegCommand;
 
 /// Ticks without a command that counts after which the leg takes the safe one
 /// by itself; a command older than this counts no more. As many as the

@@ -4,15 +4,15 @@
 
 use std::time::Duration;
 
-use controller::wire::{Command, Header, Sample, WIRE_VERSION, flags};
+use leg_control::wire::{Command, Header, Sample, WIRE_VERSION, flags};
 
 use super::hash::StateHash;
 use super::held::Held;
 use super::outcome::{Ending, Outcome};
 use super::timing::RoundTrips;
 use crate::faults::{Terrain, WorldCounts};
-use crate::plant::{Body, EventKind, Flat, Ground, Medium, Phase, TickEvents, TickPlant};
 use crate::scenario::{DensitySense, Scenario, SetPointCursor};
+use leg_plant::{Body, EventKind, Flat, Ground, Medium, Phase, TickEvents, TickPlant};
 
 /// All there is to know of one tick.
 #[derive(Debug)]

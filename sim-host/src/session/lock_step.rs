@@ -9,9 +9,9 @@
 
 use std::time::{Duration, Instant};
 
-use controller::host::faults::Faulty;
-use controller::host::{LegLink, LinkError, Role};
-use controller::wire::Command;
+use crate::faults::stage::Faulty;
+use leg_control::wire::Command;
+use leg_host::{LegLink, LinkError, Role};
 
 use super::hooks::{Hooks, Observe};
 use super::leg::{Leg, TickRecord};

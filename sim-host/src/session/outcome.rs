@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::timing::{RoundTripUs, RoundTrips};
 use crate::faults::FaultCount;
-use crate::plant::Body;
+use leg_plant::Body;
 
 /// Why a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

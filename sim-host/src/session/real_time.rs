@@ -13,9 +13,10 @@ mod task;
 
 use std::time::{Duration, Instant};
 
-use controller::host::faults::Faulty;
-use controller::host::realtime::{LoopReport, drive::Options as LoopOptions, run as run_loop};
-use controller::host::{LegLink, LinkError, Stop};
+use crate::faults::stage::Faulty;
+use leg_host::realtime::{LoopReport, drive::Options as LoopOptions, run as run_loop};
+use leg_host::{LegLink, LinkError};
+use leg_program::Stop;
 
 use super::outcome::{Ending, Outcome};
 use super::timing::RoundTrips;

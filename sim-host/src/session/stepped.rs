@@ -1,7 +1,7 @@
 //! Leg and controller stepped in turn, in one thread.
 
-use controller::host::faults::Stepped;
-use controller::wire::{Command, Sample};
+use crate::faults::stage::Stepped;
+use leg_control::wire::{Command, Sample};
 
 use super::hooks::Observe;
 use super::leg::TickRecord;

@@ -5,11 +5,12 @@ use std::io;
 use std::process::ExitStatus;
 use std::time::{Duration, UNIX_EPOCH};
 
-use controller::host::domain::DomainError;
-use controller::host::patient::{Notice, Patient};
-use controller::host::realtime::LoopReport;
-use controller::host::shm::{ConnectError, Missing, ShmLeg};
-use controller::host::{Domain, LegLink, Stop, Terms};
+use leg_host::domain::DomainError;
+use leg_host::patient::{Notice, Patient};
+use leg_host::realtime::LoopReport;
+use leg_host::shm::{ConnectError, Missing, ShmLeg};
+use leg_host::{Domain, LegLink, Terms};
+use leg_program::Stop;
 
 use super::child::{ControllerCall, ControllerChild};
 use super::leg::TickRecord;

@@ -4,8 +4,8 @@ pub mod picture;
 pub mod report;
 pub mod track;
 
-use crate::plant::{Event, EventKind, Phase};
 use crate::session::{Outcome, TickRecord};
+use leg_plant::{Event, EventKind, Phase};
 use report::{Regions, Report};
 use track::{ApexMark, LegPose, Track};
 

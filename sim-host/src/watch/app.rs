@@ -3,8 +3,8 @@
 use std::io::{self, IsTerminal};
 use std::time::{Duration, Instant};
 
-use controller::host::Stop;
-use controller::host::shm::ConnectError;
+use leg_host::shm::ConnectError;
+use leg_program::Stop;
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};

@@ -4,9 +4,9 @@ use std::sync::mpsc::{self, Receiver, Sender, TryRecvError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use controller::host::Role;
-use controller::host::desk::{self, AskError, requests};
-use controller::host::shm::{ConnectError, Observer, Players};
+use leg_host::Role;
+use leg_host::desk::{self, AskError, requests};
+use leg_host::shm::{ConnectError, Observer, Players};
 
 use super::scene::Scene;
 use crate::operate::{LegRequest, LegStatus};

@@ -4,9 +4,9 @@ use std::collections::VecDeque;
 use std::f64::consts::FRAC_PI_2;
 use std::time::{Duration, Instant};
 
-use controller::host::desk::requests;
-use controller::host::shm::Players;
-use controller::wire::{Command, Sample, flags};
+use leg_control::wire::{Command, Sample, flags};
+use leg_host::desk::requests;
+use leg_host::shm::Players;
 
 use crate::operate::LegStatus;
 
@@ -192,7 +192,7 @@ fn seconds(t_ns: u64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use controller::wire::Header;
+    use leg_control::wire::Header;
 
     use super::*;
 

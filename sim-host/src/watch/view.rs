@@ -1,6 +1,6 @@
 //! The picture of a scene.
 
-use controller::host::Pace;
+use leg_host::Pace;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Style, Stylize as _};
@@ -9,7 +9,7 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::canvas::{Canvas, Circle, Context, Line as Stroke, Points};
 use ratatui::widgets::{Axis, Block, Chart, Dataset, Gauge, GraphType, Paragraph};
 
-use controller::wire::flags;
+use leg_control::wire::flags;
 
 use super::keys::HELP;
 use super::scene::Scene;

@@ -8,12 +8,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use controller::host::Stop;
-use controller::host::flash::MemoryFlash;
-use controller::host::serial::client::{Client, HELLO_PATIENCE};
-use controller::host::serial::stream::over_unix;
-use controller::host::serial::{Endpoint, VirtualBoard};
-use controller::serial::message::{Mode, Request, Slot};
+use leg_control::serial::message::{Mode, Request, Slot};
+use leg_host::flash::MemoryFlash;
+use leg_host::serial::client::{Client, HELLO_PATIENCE};
+use leg_host::serial::stream::over_unix;
+use leg_host::serial::{Endpoint, VirtualBoard};
+use leg_program::Stop;
 use rustix::process::Signal;
 use serde_json::Value;
 

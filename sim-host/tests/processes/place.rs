@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use controller::actor::{ActionScaling, ObservationScaling, Widths, pack, packed_len};
-use controller::host::Domain;
-use controller::leg::LegModel;
-use controller::policy::{GainPoint, GainSchedule, Manifest, Media, Provenance, write};
+use leg_control::actor::{ActionScaling, ObservationScaling, Widths, pack, packed_len};
+use leg_control::leg::LegModel;
+use leg_control::policy::{GainPoint, GainSchedule, Manifest, Media, Provenance, write};
+use leg_host::Domain;
 use tempfile::TempDir;
 
 pub(crate) const PROGRAM: &str = env!("CARGO_BIN_EXE_sim-host");

@@ -4,12 +4,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use controller::control::{Config as Law, Controller};
-use controller::host::Pace;
-use controller::host::blob::AlignedBytes;
-use controller::host::memory::Inline;
-use controller::policy::{Policy, SHIPPED};
-use controller::wire::{Command, Sample};
+use leg_control::control::{Config as Law, Controller};
+use leg_control::policy::{Policy, SHIPPED};
+use leg_control::wire::{Command, Sample};
+use leg_host::Pace;
+use leg_host::memory::Inline;
+use leg_program::policy_file::AlignedBytes;
 use rustix::process::Signal;
 use sim_host::record::read::{Entry, Reader};
 use sim_host::record::schema::{Config, End, Policy as PolicyMessage};

@@ -6,7 +6,7 @@ use std::os::unix::fs::PermissionsExt as _;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use controller::host::Domain;
+use leg_host::Domain;
 use rustix::process::Signal;
 
 use super::place::Place;

@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
-use controller::host::Stop;
-use controller::host::serial::client::{Client, HELLO_PATIENCE, Heard};
-use controller::host::serial::stream::{ByteStream, Endpoint};
-use controller::serial::message::{Mode, Request, Statistics};
-use controller::wire::{Command, Sample};
+use leg_control::serial::message::{Mode, Request, Statistics};
+use leg_control::wire::{Command, Sample};
+use leg_host::serial::client::{Client, HELLO_PATIENCE, Heard};
+use leg_host::serial::stream::{ByteStream, Endpoint};
+use leg_program::Stop;
 use tempfile::TempDir;
 use tests::board::{BOARDS, Image};
 use tests::emulator::{self, Emulator};

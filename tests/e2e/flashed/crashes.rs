@@ -2,10 +2,10 @@
 
 use std::time::{Duration, Instant};
 
-use controller::host::serial::client::Heard;
-use controller::policy::SHIPPED;
-use controller::serial::message::{Alarm, BlobFault, Crash, Mode, SlotFault};
-use controller::wire::{Header, Sample, WIRE_VERSION, flags};
+use leg_control::policy::SHIPPED;
+use leg_control::serial::message::{Alarm, BlobFault, Crash, Mode, SlotFault};
+use leg_control::wire::{Header, Sample, WIRE_VERSION, flags};
+use leg_host::serial::client::Heard;
 
 use crate::board::{Flashed, image, shipped, skips};
 

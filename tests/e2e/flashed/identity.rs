@@ -4,12 +4,12 @@
 
 use std::time::Duration;
 
-use controller::control::{Config, Controller};
-use controller::host::serial::upload::upload;
-use controller::host::{Link, LinkError};
-use controller::policy::{Policy, SHIPPED};
-use controller::serial::message::{Mode, Request};
-use controller::wire::{Command, Sample};
+use leg_control::control::{Config, Controller};
+use leg_control::policy::{Policy, SHIPPED};
+use leg_control::serial::message::{Mode, Request};
+use leg_control::wire::{Command, Sample};
+use leg_host::serial::upload::upload;
+use leg_host::{Link, LinkError};
 use rand::RngExt;
 use rand_pcg::Pcg64;
 use sim_host::scenario::{Scenario, Settings};
@@ -135,7 +135,7 @@ impl Link for Twins<'_> {
         let instead = reply.filter(|_| self.rng.random_bool(0.3));
         let mut command = instead.unwrap_or_else(|| self.tick(good));
         // The leg does what it is told, whatever that answered.
-        command.header = controller::wire::Header { flags: command.header.flags, ..good.header };
+        command.header = leg_control::wire::Header { flags: command.header.flags, ..good.header };
         self.reply = Some(command);
         Ok(())
     }

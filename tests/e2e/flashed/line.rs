@@ -3,13 +3,13 @@
 
 use std::time::Duration;
 
-use controller::control::{Config, Controller};
-use controller::host::memory::Inline;
-use controller::host::serial::Noisy;
-use controller::host::{Link, LinkError};
-use controller::policy::{Policy, SHIPPED};
-use controller::serial::message::Mode;
-use controller::wire::{Command, Sample};
+use leg_control::control::{Config, Controller};
+use leg_control::policy::{Policy, SHIPPED};
+use leg_control::serial::message::Mode;
+use leg_control::wire::{Command, Sample};
+use leg_host::memory::Inline;
+use leg_host::serial::Noisy;
+use leg_host::{Link, LinkError};
 use sim_host::scenario::{Scenario, Settings};
 use sim_host::session::lock_step::{self, Options};
 

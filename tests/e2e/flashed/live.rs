@@ -2,9 +2,9 @@
 
 use std::time::{Duration, Instant};
 
-use controller::host::serial::client::Heard;
-use controller::serial::message::Mode;
-use controller::wire::{Header, Sample, WIRE_VERSION, flags};
+use leg_control::serial::message::Mode;
+use leg_control::wire::{Header, Sample, WIRE_VERSION, flags};
+use leg_host::serial::client::Heard;
 
 use crate::board::{Flashed, shipped, skips};
 

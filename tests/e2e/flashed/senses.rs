@@ -1,6 +1,6 @@
 //! What broken sensors and a broken line make of a sample.
 
-use controller::wire::{Header, Sample, WIRE_VERSION, flags};
+use leg_control::wire::{Header, Sample, WIRE_VERSION, flags};
 use rand::RngExt;
 use rand_pcg::Pcg64;
 

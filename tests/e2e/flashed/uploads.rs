@@ -1,11 +1,11 @@
 //! Uploads that break off, that are damaged, and that go well, to a leg that
 //! hops on meanwhile.
 
-use controller::host::serial::client::{Client, ClientError, Heard};
-use controller::host::{Link, LinkError};
-use controller::policy::{Policy, SHIPPED};
-use controller::serial::message::{MAX_CHUNK, Mode, Refusal, Reply, Request};
-use controller::wire::{Command, Sample};
+use leg_control::policy::{Policy, SHIPPED};
+use leg_control::serial::message::{MAX_CHUNK, Mode, Refusal, Reply, Request};
+use leg_control::wire::{Command, Sample};
+use leg_host::serial::client::{Client, ClientError, Heard};
+use leg_host::{Link, LinkError};
 use sim_host::scenario::{Scenario, Settings};
 use sim_host::session::Ending;
 use sim_host::session::lock_step::{self, Options};

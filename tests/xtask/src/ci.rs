@@ -16,22 +16,21 @@ fn steps() -> Vec<Step> {
         cargo("format", "fmt --all --check"),
         cargo(
             "controller without std",
-            "clippy -p controller --target thumbv7em-none-eabihf -- -D warnings",
+            "clippy -p leg-control --target thumbv7em-none-eabihf -- -D warnings",
         ),
-        cargo("controller on a Cortex-M0", "check -p controller --target thumbv6m-none-eabi"),
-        cargo("controller on RISC-V", "check -p controller --target riscv32imac-unknown-none-elf"),
+        cargo("controller on a Cortex-M0", "check -p leg-control --target thumbv6m-none-eabi"),
+        cargo("controller on RISC-V", "check -p leg-control --target riscv32imac-unknown-none-elf"),
         cargo("format of the firmware", "fmt --check").within(FIRMWARE),
         // All targets: the benches too are compiled here.
-        cargo("lints", "clippy --workspace --all-targets --all-features -- -D warnings"),
+        cargo("lints", "clippy --workspace --all-targets -- -D warnings"),
         cargo("lints of the firmware", "clippy --release -- -D warnings").within(FIRMWARE),
         cargo(
             "lints of the firmware on silicon",
             "clippy --release --no-default-features --features stm32f405 -- -D warnings",
         )
         .within(FIRMWARE),
-        cargo("docs", "doc --workspace --no-deps --all-features")
-            .with_env("RUSTDOCFLAGS", "-D warnings"),
-        cargo("tests", "test --workspace --all-features"),
+        cargo("docs", "doc --workspace --no-deps").with_env("RUSTDOCFLAGS", "-D warnings"),
+        cargo("tests", "test --workspace"),
         cargo("the main job", "run --release -- --json"),
     ]
 }

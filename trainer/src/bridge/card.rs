@@ -2,10 +2,10 @@
 
 use super::ImportError;
 use crate::policy::{Frozen, blob_of};
-use controller::actor::{ActionScaling, ObservationScaling};
-use controller::host::blob::AlignedBytes;
-use controller::leg::LegModel;
-use controller::policy::{GainPoint, MAX_GAIN_POINTS, Manifest, Media, Policy, Provenance};
+use leg_control::actor::{ActionScaling, ObservationScaling};
+use leg_control::leg::LegModel;
+use leg_control::policy::{GainPoint, MAX_GAIN_POINTS, Manifest, Media, Policy, Provenance};
+use leg_program::policy_file::AlignedBytes;
 use serde::{Deserialize, Serialize};
 
 /// The name under which a file's metadata holds its card.

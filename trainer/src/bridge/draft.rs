@@ -5,7 +5,7 @@ use super::card::Card;
 use crate::net::mlp::Layer;
 use crate::policy::Frozen;
 use crate::preset::{ACTION_HIGH, ACTION_LOW};
-use controller::actor::{ActionScaling, ObservationScaling};
+use leg_control::actor::{ActionScaling, ObservationScaling};
 
 /// Two pairs of figures, one of each pair for each action: rad, m/s.
 pub type Pairs = [[f32; 2]; 2];

@@ -1,8 +1,8 @@
 //! Why a file from elsewhere is not taken.
 
 use super::json::TOLERANCE;
-use controller::actor::ShapeError;
-use controller::policy::WriteError;
+use leg_control::actor::ShapeError;
+use leg_control::policy::WriteError;
 use safetensors::SafeTensorError;
 
 /// Why a file holds no actor that can fly.

@@ -16,7 +16,7 @@ use super::ImportError;
 use super::draft::Draft;
 use crate::net::mlp::Layer;
 use crate::policy::Frozen;
-use controller::actor::{ActionScaling, Observation, ObservationScaling};
+use leg_control::actor::{ActionScaling, Observation, ObservationScaling};
 use serde_json::Value;
 
 /// Largest error of an imported actor against its test vectors, rad and m/s.

@@ -11,7 +11,7 @@ use super::draft::Draft;
 use super::state_dict;
 use crate::net::mlp::Layer;
 use crate::policy::Frozen;
-use controller::policy::Policy;
+use leg_control::policy::Policy;
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
 

@@ -6,7 +6,7 @@
 //! the actor.
 
 use super::ImportError;
-use controller::actor::{INPUTS, MAX_LAYERS, OUTPUTS};
+use leg_control::actor::{INPUTS, MAX_LAYERS, OUTPUTS};
 
 /// Most layers that an error lists.
 const MOST_LISTED: usize = 12;

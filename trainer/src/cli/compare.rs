@@ -7,8 +7,8 @@ use crate::evaluate::compare::{AtDensity, Comparison, Paired, Verdict};
 use crate::evaluate::intervals::{Estimate, FEWEST};
 use crate::evaluate::tracking::Tracking;
 use clap::Args;
-use controller::host::blob::PolicyBlob;
-use controller::policy::Policy;
+use leg_control::policy::Policy;
+use leg_program::policy_file::PolicyBlob;
 use std::fmt::{self, Write};
 use std::path::{Path, PathBuf};
 

@@ -5,7 +5,7 @@ use super::{Failure, input};
 use crate::evaluate::conditions::Extent;
 use crate::evaluate::report::Report;
 use clap::Args;
-use controller::host::blob::PolicyBlob;
+use leg_program::policy_file::PolicyBlob;
 use std::path::PathBuf;
 
 /// Seed of the starts, unless another is asked for. Trainings draw theirs

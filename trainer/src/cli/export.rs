@@ -5,7 +5,7 @@ use super::output::{Target, print};
 use super::{Failure, failed, input};
 use crate::bridge::{c, onnx, safetensors};
 use clap::{Args, ValueEnum};
-use controller::host::blob::PolicyBlob;
+use leg_program::policy_file::PolicyBlob;
 use std::path::PathBuf;
 
 const FORMATS: &str = "\

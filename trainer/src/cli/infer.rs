@@ -5,9 +5,9 @@ use super::{Failure, failed, input};
 use crate::lines::line_of;
 use anyhow::{Context, anyhow};
 use clap::Args;
-use controller::actor::Observation;
-use controller::host::blob::PolicyBlob;
-use controller::policy::Policy;
+use leg_control::actor::Observation;
+use leg_control::policy::Policy;
+use leg_program::policy_file::PolicyBlob;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 

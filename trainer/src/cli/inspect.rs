@@ -3,8 +3,8 @@
 use super::output::print;
 use super::{Failure, failed, input};
 use clap::Args;
-use controller::host::blob::PolicyBlob;
-use controller::policy::{FORMAT_VERSION, Manifest, PREAMBLE_LEN, Policy, TestVector};
+use leg_control::policy::{FORMAT_VERSION, Manifest, PREAMBLE_LEN, Policy, TestVector};
+use leg_program::policy_file::PolicyBlob;
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -23,7 +23,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// Those of a blob that has passed its checks, read as the format in the
-/// documentation of [`controller::policy`] has them.
+/// documentation of [`leg_control::policy`] has them.
 pub(super) fn test_vectors(blob: &[u8]) -> postcard::Result<Vec<TestVector>> {
     let body = blob.get(PREAMBLE_LEN..).unwrap_or_default();
     let (_, rest) = postcard::take_from_bytes::<Manifest<'_>>(body)?;

@@ -7,7 +7,6 @@ mod config;
 mod env;
 mod eval;
 mod export;
-mod figures;
 mod import;
 mod infer;
 mod inspect;
@@ -48,8 +47,6 @@ enum Command {
     Import(import::Arguments),
     /// Draw learning curves from the logs of trainings, as SVG
     Plot(plot::Arguments),
-    /// Draw the paper's figures, computed anew, and judge its claims
-    Figures(figures::Arguments),
     /// Write a policy's actor as safetensors, ONNX or C
     Export(export::Arguments),
     /// Be the environment of another program's training, line by line
@@ -119,7 +116,6 @@ pub fn main() -> ExitCode {
         Command::Import(arguments) => import::run(&arguments),
         Command::Plot(arguments) => plot::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
-        Command::Figures(arguments) => figures::run(&arguments),
         Command::Env(arguments) => env::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
     };

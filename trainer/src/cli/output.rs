@@ -2,7 +2,7 @@
 
 use super::{Failure, failed};
 use anyhow::anyhow;
-use sim_host::output::{Pending, replace};
+use leg_program::output::{Pending, replace};
 use std::path::Path;
 
 /// A file to write, and the option that names it.
@@ -32,5 +32,5 @@ impl Target<'_> {
 
 /// Prints a text and a newline.
 pub(crate) fn print(text: &str) -> Result<(), Failure> {
-    controller::host::print::line(text).map_err(failed)
+    leg_program::print::line(text).map_err(failed)
 }

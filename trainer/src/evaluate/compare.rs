@@ -15,7 +15,7 @@ use super::intervals::{CONFIDENCE, Estimate, Pairs, holm, mean, median, sign_tes
 use super::survival::{Run, draw_starts, runs};
 use super::tracking::{Tracking, highest_speeds, tracking_table};
 use super::{DENSITIES, hopper};
-use controller::policy::Policy;
+use leg_control::policy::Policy;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use serde::Serialize;

@@ -2,10 +2,10 @@
 
 use super::DENSITIES;
 use super::survival::{Survival, survival};
-use controller::actor::Actor;
+use leg_control::actor::Actor;
+use leg_plant::{Apex, Hopper, Leg, LegParameters, Medium};
 use serde::Serialize;
 use serde::ser::{SerializeStruct, Serializer};
-use sim_host::plant::{Apex, Hopper, Leg, LegParameters, Medium};
 use std::fmt;
 
 /// Stiffnesses of the paper's basins of attraction, N/m, at 80 kg.
@@ -140,7 +140,7 @@ impl Serialize for Elsewhere {
 mod tests {
     use super::{Change, Condition, Extent};
     use crate::evaluate::hopper;
-    use sim_host::plant::{Action, Apex, Hopper, Leg};
+    use leg_plant::{Action, Apex, Hopper, Leg};
 
     #[test]
     fn a_change_changes_one_thing() {

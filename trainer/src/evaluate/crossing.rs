@@ -8,11 +8,11 @@
 use super::gains::{KI, error_when_switched, schedule, score};
 use super::tracking::highest_speed;
 use super::{hop, hopper};
-use controller::actor::Actor;
-use controller::policy::{GainPoint, GainSchedule};
-use controller::velocity::{Cascade, gains_at};
+use leg_control::actor::Actor;
+use leg_control::policy::{GainPoint, GainSchedule};
+use leg_control::velocity::{Cascade, gains_at};
+use leg_plant::Apex;
 use rayon::prelude::*;
-use sim_host::plant::Apex;
 
 /// Set-points of the walks, m/s.
 const SPEEDS: [f32; 2] = [0.5, 1.0];

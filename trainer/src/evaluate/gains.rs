@@ -3,11 +3,11 @@
 use super::crossing::smoothed;
 use super::tracking::{SET_POINTS, highest_speed, possible, track};
 use super::{DENSITIES, hop, hopper};
-use controller::actor::Actor;
-use controller::policy::{GainPoint, GainSchedule};
-use controller::velocity::{Cascade, gains_at};
+use leg_control::actor::Actor;
+use leg_control::policy::{GainPoint, GainSchedule};
+use leg_control::velocity::{Cascade, gains_at};
+use leg_plant::Apex;
 use rayon::prelude::*;
-use sim_host::plant::Apex;
 
 /// What is tried, each with each. The paper's code integrates; its text names
 /// derivative and feed-forward. (A proportional term gained nothing beside them.)

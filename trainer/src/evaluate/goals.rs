@@ -243,7 +243,7 @@ pub fn reached(goals: &[Goal], report: &Report) -> usize {
 mod tests {
     use super::{Figure, Goal, reached, robust};
     use crate::evaluate::report::Report;
-    use controller::policy::{Policy, SHIPPED};
+    use leg_control::policy::{Policy, SHIPPED};
 
     #[test]
     fn goals_look_at_figures_of_a_report() {

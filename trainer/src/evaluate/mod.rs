@@ -15,8 +15,8 @@ pub mod selection;
 pub mod survival;
 pub mod tracking;
 
-use controller::actor::{Actor, Observation};
-use sim_host::plant::{Action, Apex, Hopper, Leg, Medium};
+use leg_control::actor::{Actor, Observation};
+use leg_plant::{Action, Apex, Hopper, Leg, Medium};
 
 /// The density ratios of the paper's figures and in between, lowest first.
 pub const DENSITIES: [f64; 8] = [0.0, 0.05, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0];

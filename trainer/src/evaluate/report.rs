@@ -7,7 +7,7 @@ use super::tracking::{
     GIVEN_UP_M_S, RAMP_CAP_M_S, SET_POINTS, Tracking, highest_speeds, tracking_table,
 };
 use super::{DENSITIES, hopper};
-use controller::policy::Policy;
+use leg_control::policy::Policy;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use serde::Serialize;

@@ -6,12 +6,12 @@ use super::{DENSITIES, hopper};
 use crate::config::Config;
 use crate::policy::Frozen;
 use crate::retry::THIN;
-use controller::actor::Actor;
-use controller::policy::GainPoint;
+use leg_control::actor::Actor;
+use leg_control::policy::GainPoint;
+use leg_plant::Apex;
 use rand::Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use sim_host::plant::Apex;
 
 /// How an actor stood when it was considered.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -46,7 +46,7 @@ pub struct Selector {
     starts: Vec<Apex>,
     /// Cost of a set-point that is not tracked.
     tracking: f64,
-    tolerance: sim_host::plant::Tolerance,
+    tolerance: leg_plant::Tolerance,
     best: Option<(Frozen, Standing)>,
     latest: Option<Evaluation>,
 }

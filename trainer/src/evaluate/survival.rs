@@ -2,10 +2,10 @@
 
 use super::hop;
 use crate::environment::{LOWEST_APEX_M, draw_start};
-use controller::actor::Actor;
+use leg_control::actor::Actor;
+use leg_plant::{Apex, Hopper};
 use rand::Rng;
 use rayon::prelude::*;
-use sim_host::plant::{Apex, Hopper};
 
 /// Hops that a start must survive.
 pub const HOPS: u32 = 30;
@@ -93,7 +93,8 @@ pub fn survival(
 }
 
 /// The quantile of sorted numbers, linear between neighbours.
-pub(crate) fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
+#[must_use]
+pub fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
     let last = sorted.len().checked_sub(1)?;
     let at = share * last as f64;
     let low = at.floor() as usize;

@@ -1,12 +1,12 @@
 //! How the actor follows a set speed under the velocity cascade, and how far up.
 
 use super::{DENSITIES, hop, hopper};
-use controller::actor::Actor;
-use controller::policy::GainSchedule;
-use controller::velocity::{Cascade, gains_at};
+use leg_control::actor::Actor;
+use leg_control::policy::GainSchedule;
+use leg_control::velocity::{Cascade, gains_at};
+use leg_plant::{Apex, Hopper};
 use rayon::prelude::*;
 use serde::Serialize;
-use sim_host::plant::{Apex, Hopper};
 
 /// Set-points, m/s.
 pub const SET_POINTS: [f64; 6] = [-2.0, -1.0, -0.5, 0.5, 1.0, 2.0];

@@ -5,7 +5,7 @@ use crate::evaluate::report::Report;
 use crate::finish::Finished;
 use crate::simd::Isa;
 use crate::train::Training;
-use controller::policy::Policy;
+use leg_control::policy::Policy;
 use std::num::NonZeroUsize;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};

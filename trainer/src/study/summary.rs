@@ -6,8 +6,8 @@ use super::picture;
 use super::plan::Plan;
 use crate::evaluate::goals::{Better, Figure, Goal, robust};
 use crate::evaluate::survival::quantile;
+use leg_program::output::replace;
 use serde::Serialize;
-use sim_host::output::replace;
 
 /// A study that is whole.
 #[derive(Clone, Debug)]

@@ -5,7 +5,7 @@
 
 mod image;
 
-use controller::actor::{ActionScaling, Actor, ObservationScaling, Widths, packed_len};
+use leg_control::actor::{ActionScaling, Actor, ObservationScaling, Widths, packed_len};
 use cortex_m_rt::entry;
 
 /// Widths of hidden layers: full panels, narrow ones and both, groups of columns

@@ -6,10 +6,10 @@
 
 mod image;
 
-use controller::actor::{Action, Actor, Observation};
-use controller::control::{Config, Controller};
-use controller::policy::{ParseError, Policy, SHIPPED};
-use controller::wire::{Command, Header, Sample, WIRE_VERSION, flags};
+use leg_control::actor::{Action, Actor, Observation};
+use leg_control::control::{Config, Controller};
+use leg_control::policy::{ParseError, Policy, SHIPPED};
+use leg_control::wire::{Command, Header, Sample, WIRE_VERSION, flags};
 use core::hint::black_box;
 use cortex_m_rt::entry;
 

@@ -11,7 +11,7 @@ pub(crate) use mps2::Mps2 as Selected;
 #[cfg(feature = "stm32f405")]
 pub(crate) use stm32f405::Stm32f405 as Selected;
 
-use controller::serial::slots::FlashFault;
+use leg_control::serial::slots::FlashFault;
 
 /// A board: clocks, a UART, a tick, and an end.
 ///

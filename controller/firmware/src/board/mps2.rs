@@ -4,7 +4,7 @@
 //! Registers: Arm DUI 0479C, "Cortex-M System Design Kit", APB UART.
 #![allow(unsafe_code)]
 
-use controller::serial::slots::FlashFault;
+use leg_control::serial::slots::FlashFault;
 use cortex_m::interrupt::InterruptNumber;
 use cortex_m::peripheral::NVIC;
 use cortex_m::peripheral::scb::SystemHandler;

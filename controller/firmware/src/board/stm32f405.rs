@@ -7,7 +7,7 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use controller::serial::slots::FlashFault;
+use leg_control::serial::slots::FlashFault;
 use cortex_m::peripheral::NVIC;
 use cortex_m::peripheral::scb::SystemHandler;
 use stm32f4::stm32f405::{FLASH, Interrupt, Peripherals, RCC, USART1, interrupt};

@@ -1,12 +1,12 @@
-use controller::host::memory::{self, Inline};
-use controller::host::serve::serve;
+use leg_host::memory::{self, Inline};
+use leg_host::serve::serve;
 
-use controller::wire::{Header, Sample, flags};
+use leg_control::wire::{Header, Sample, flags};
 
 use super::*;
-use crate::plant::{EventKind, Phase};
 use crate::scenario::Settings;
 use crate::session::Ending;
+use leg_plant::{EventKind, Phase};
 
 /// A law without a policy: the angle mirrors the velocity, the spring gives a little.
 fn law(sample: &Sample) -> Command {
@@ -58,7 +58,7 @@ fn the_observer_sees_every_tick_and_every_event() {
         let contact = tick.sample.header.flags & flags::IN_CONTACT != 0;
         assert_eq!(contact, matches!(tick.phase, Phase::Stance { .. }));
         assert_ne!(tick.sample.header.flags & flags::DENSITY_SENSED, 0);
-        let down = |e: &&crate::plant::Event| matches!(e.kind, EventKind::Touchdown { .. });
+        let down = |e: &&leg_plant::Event| matches!(e.kind, EventKind::Touchdown { .. });
         touchdowns += tick.events.iter().filter(down).count() as u64;
         (ticks, last) = (ticks + 1, tick.after);
     })

@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use controller::host::realtime::{Clock, Done, Task, Tick, Word};
-use controller::host::{LegLink, LinkError};
-use controller::wire::{Command, Header, flags};
+use leg_control::wire::{Command, Header, flags};
+use leg_host::realtime::{Clock, Done, Task, Tick, Word};
+use leg_host::{LegLink, LinkError};
 
 use super::{HOLD, OnFall, Options};
 use crate::scenario::Scenario;

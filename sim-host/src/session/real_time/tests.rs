@@ -2,10 +2,10 @@
 
 use std::cell::Cell;
 
-use controller::host::memory::Inline;
-use controller::host::realtime::{Clock, Counters, Grid, Log, drive};
-use controller::host::{Link, Role};
-use controller::wire::{Command, Sample, flags};
+use leg_control::wire::{Command, Sample, flags};
+use leg_host::memory::Inline;
+use leg_host::realtime::{Clock, Counters, Grid, Log, drive};
+use leg_host::{Link, Role};
 
 use super::*;
 use crate::scenario::Settings;

@@ -1,10 +1,10 @@
 use std::time::Instant;
 
-use controller::control::{Config, Controller};
-use controller::host::memory::Inline;
-use controller::host::realtime::{Bar, LoopReport, QuantilesUs};
-use controller::host::shm::Players;
-use controller::policy::{Policy, SHIPPED};
+use leg_control::control::{Config, Controller};
+use leg_control::policy::{Policy, SHIPPED};
+use leg_host::memory::Inline;
+use leg_host::realtime::{Bar, LoopReport, QuantilesUs};
+use leg_host::shm::Players;
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use ratatui::buffer::Buffer;

@@ -1,6 +1,6 @@
 //! Times as bars: of commands in lock-step, of both loops in real time.
 
-use controller::host::realtime::{Bar, LoopReport, with_unit};
+use leg_host::realtime::{Bar, LoopReport, with_unit};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Style, Stylize as _};

@@ -2,10 +2,10 @@
 //!
 //! `leg_actor.c` beside this file is all of it but the figures. They are written in
 //! hexadecimal, which is exact. Operations and their order are those of
-//! [`controller::actor`], tanh that of the crate `libm`, so the bits agree.
+//! [`leg_control::actor`], tanh that of the crate `libm`, so the bits agree.
 
 use crate::policy::Frozen;
-use controller::policy::{Policy, TestVector};
+use leg_control::policy::{Policy, TestVector};
 use std::fmt::Write;
 
 /// With `@MARKS@` where the policy's own goes.

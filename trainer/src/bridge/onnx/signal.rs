@@ -8,7 +8,7 @@ use super::tensor::Constant;
 use crate::bridge::draft::{Draft, Pairs};
 use crate::net::mlp::Layer;
 use crate::preset::{ACTION_HIGH, ACTION_LOW};
-use controller::actor::{INPUTS, MAX_LAYERS, ObservationScaling};
+use leg_control::actor::{INPUTS, MAX_LAYERS, ObservationScaling};
 use std::rc::Rc;
 
 /// A step between actor and clip that scales or shifts.

@@ -1,7 +1,7 @@
 //! Constants of a graph, in the file or in one beside it.
 
 use super::proto::{DOUBLE, EXTERNAL, FLOAT, Tensor};
-use controller::actor::MAX_WIDTH;
+use leg_control::actor::MAX_WIDTH;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Component, Path};

@@ -5,7 +5,7 @@ use super::proto::{
     ATTRIBUTE_INT, Attribute, EXTERNAL, Entry, FLOAT, Graph, Model, Node, Tensor, ValueInfo,
 };
 use crate::bridge::draft::{Draft, Given};
-use controller::actor::{Action, Observation};
+use leg_control::actor::{Action, Observation};
 use prost::Message;
 use std::path::Path;
 

@@ -6,8 +6,8 @@ use super::proto::{
 };
 use crate::bridge::card::{Card, KEY};
 use crate::policy::Frozen;
-use controller::actor::{INPUTS, OUTPUTS};
-use controller::policy::Policy;
+use leg_control::actor::{INPUTS, OUTPUTS};
+use leg_control::policy::Policy;
 use prost::Message;
 
 /// Of January 2021: old enough for every runtime in use, and the first in which all

@@ -1,0 +1,275 @@
+//! The `controller` command line.
+//!
+//! It stays for run after run, until a signal ends it; [`orders`] reach it
+//! meanwhile. Exit status 0 when all ended in good order, 2 for what the user
+//! must change (a bad blob, a bad rate), 1 for anything else.
+
+mod attend;
+mod beside;
+pub mod orders;
+mod real_time;
+
+use std::fmt;
+use std::io::{self, Write as _};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use super::bench::{self, BenchError};
+use super::card::{Pace, Role};
+use super::domain::{DEFAULT_DOMAIN, DomainError};
+use super::link::LinkError;
+use super::realtime::LoopReport;
+use super::realtime::cli::RealTimeArgs;
+use super::serial::commands;
+use super::serve::ServeError;
+use super::shelf::ShelfError;
+use super::shm::ConnectError;
+use leg_control::control::ConfigError;
+use leg_control::guard::Counts;
+use leg_control::policy::Manifest;
+use leg_program::policy_file::BlobError;
+
+/// Longest patience that `--timeout` accepts, s.
+const MAX_TIMEOUT_S: f64 = 86_400.0;
+/// How long a peer is waited for when nobody says.
+const TIMEOUT: Duration = Duration::from_secs(10);
+/// A peer that is not there by then is worth a word.
+pub const SAY_AFTER: Duration = Duration::from_secs(1);
+
+/// What the program is called with: how to run, or a command to a flashed controller.
+#[derive(Clone, Debug, clap::Args)]
+#[command(args_conflicts_with_subcommands = true)]
+pub struct Call {
+    #[command(subcommand)]
+    command: Option<Command>,
+    #[command(flatten)]
+    args: Args,
+}
+
+/// What else the program does.
+#[derive(Clone, Debug, clap::Subcommand)]
+enum Command {
+    /// Measure the control law on this machine.
+    Bench(bench::Args),
+    Swap(orders::SwapArgs),
+    Status(orders::StatusArgs),
+    #[command(flatten)]
+    Flashed(commands::Command),
+}
+
+/// Runs a policy on a leg: a command for every sample, in lock-step, in run
+/// after run. SIGHUP has it read the file of --policy again; that policy takes
+/// over at the next apex.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// The policy blob to run [default: the shipped one].
+    #[arg(long, value_name = "FILE")]
+    pub policy: Option<PathBuf>,
+    /// Ticks a second; the simulator's must be the same.
+    #[arg(long, value_name = "HZ", default_value_t = 1000, allow_negative_numbers = true)]
+    pub rate: u32,
+    /// Gravity where the leg is, m/s2; the simulator's must be the same (the
+    /// density estimate needs it).
+    #[arg(long, value_name = "M_S2", default_value_t = 9.81, allow_negative_numbers = true)]
+    pub gravity: f32,
+    /// End after one run. (Else it stays, and waits for the next leg as long as
+    /// it takes, or as --timeout says.)
+    #[arg(long)]
+    pub once: bool,
+    /// Where to find the simulator.
+    #[command(flatten)]
+    pub meeting: Meeting,
+    /// How to tick by the clock.
+    #[command(flatten)]
+    pub real_time: RealTimeArgs,
+    /// Print what came of each run as one JSON object.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Where two processes meet, and how long one waits for the other.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Meeting {
+    /// Only processes of the same domain see each other [default: default].
+    #[arg(long, value_name = "NAME")]
+    pub domain: Option<String>,
+    /// How long to wait for a missing or silent peer, s [default: 10].
+    #[arg(long, value_name = "S", value_parser = parse_timeout, allow_negative_numbers = true)]
+    pub timeout: Option<Duration>,
+}
+
+impl Meeting {
+    /// The domain to meet in.
+    #[must_use]
+    pub fn domain(&self) -> &str {
+        self.domain.as_deref().unwrap_or(DEFAULT_DOMAIN)
+    }
+
+    /// How long to wait.
+    #[must_use]
+    pub fn timeout(&self) -> Duration {
+        self.timeout.unwrap_or(TIMEOUT)
+    }
+}
+
+/// Reads a waiting time in seconds.
+///
+/// # Errors
+/// A message with the value and its limits.
+pub fn parse_timeout(text: &str) -> Result<Duration, String> {
+    match text.parse::<f64>() {
+        Ok(s) if s > 0.0 && s <= MAX_TIMEOUT_S => Ok(Duration::from_secs_f64(s)),
+        _ => Err(format!("it must be a number of seconds, above 0 and at most {MAX_TIMEOUT_S}")),
+    }
+}
+
+/// Why the controller did not run to the end.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CliError {
+    /// There is no policy to run.
+    #[error(transparent)]
+    Policy(#[from] BlobError),
+    /// The policy cannot be kept.
+    #[error("the policy cannot be run: {0}")]
+    Shelf(#[from] ShelfError),
+    /// A rate or gravity out of range.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// A signal handler could not be set.
+    #[error("cannot listen to signals: {0}")]
+    Signals(io::Error),
+    /// No simulator, or not a fitting one.
+    #[error(transparent)]
+    Connect(#[from] ConnectError),
+    /// The run broke off.
+    #[error(transparent)]
+    Serve(#[from] ServeError),
+    /// The loop in real time broke off.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// Nothing was measured.
+    #[error(transparent)]
+    Bench(#[from] BenchError),
+}
+
+impl Args {
+    fn pace(&self) -> Pace {
+        if self.real_time.real_time { Pace::RealTime } else { Pace::LockStep }
+    }
+}
+
+impl CliError {
+    /// Whether the user must change the call, not only call again.
+    fn is_misuse(&self) -> bool {
+        matches!(
+            self,
+            Self::Policy(_)
+                | Self::Shelf(_)
+                | Self::Bench(BenchError::Policy(_))
+                | Self::Config(_)
+                | Self::Connect(ConnectError::Domain(DomainError::Name(_)))
+        )
+    }
+}
+
+impl From<DomainError> for CliError {
+    fn from(cause: DomainError) -> Self {
+        Self::Connect(cause.into())
+    }
+}
+
+/// What a run came to.
+#[derive(Clone, Debug)]
+pub struct Summary {
+    /// Name of the policy.
+    pub policy: String,
+    /// Samples answered.
+    pub ticks: u64,
+    /// Apexes in the last epoch.
+    pub apexes: u32,
+    /// What the guard rejected in the last epoch.
+    pub counts: Counts,
+    /// The figures of the loop, in real time.
+    pub real_time: Option<LoopReport>,
+}
+
+impl Summary {
+    /// The figures, for a script: those of a [`LoopReport`] in `loop`, and the
+    /// guard's in `rejected`.
+    #[must_use]
+    pub fn json(&self) -> serde_json::Value {
+        serde_json::json!({
+            "policy": self.policy,
+            "ticks": self.ticks,
+            "apexes": self.apexes,
+            "rejected": self.counts.rejected(),
+            "safe_entered": self.counts.safe_entered,
+            "loop": self.real_time,
+        })
+    }
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { policy, ticks, apexes, counts, real_time } = self;
+        if let Some(report) = real_time {
+            writeln!(f, "{report}")?;
+        }
+        write!(f, "policy {policy}: {ticks} ticks, {apexes} apexes, ")?;
+        write!(f, "{} samples rejected", counts.rejected())?;
+        for (kind, count) in counts.by_kind().into_iter().filter(|(_, count)| *count > 0) {
+            write!(f, ", {count} {kind}")?;
+        }
+        match counts.safe_entered {
+            0 => Ok(()),
+            times => write!(f, "; safe state entered {times} times"),
+        }
+    }
+}
+
+/// What to warn of when a policy was trained for another leg than the one that
+/// is `played`, by its [`fingerprint`](leg_control::leg::LegModel::fingerprint).
+#[must_use]
+pub fn other_leg(policy: &Manifest<'_>, played: Option<u32>) -> Option<String> {
+    let Manifest { name, leg, .. } = policy;
+    played.filter(|played| *played != leg.fingerprint()).map(|_| {
+        format!(
+            "warning: the policy {name} was trained for another leg ({} kg, {} N/m, {} m) than \
+             the simulator plays; it runs all the same, --policy chooses another",
+            leg.mass_kg, leg.stiffness_n_m, leg.rest_length_m
+        )
+    })
+}
+
+/// Says something on stderr. A terminal that is closed is no reason to end in a panic.
+fn say(what: impl fmt::Display) {
+    let _ = writeln!(io::stderr(), "{}: {what}", Role::Controller);
+}
+
+/// The whole program after its arguments: runs, reports, and gives the exit
+/// status.
+#[must_use]
+pub fn main(call: &Call) -> ExitCode {
+    let done = match &call.command {
+        Some(Command::Flashed(command)) => return commands::main(command),
+        Some(Command::Swap(args)) => return orders::swap(args),
+        Some(Command::Status(args)) => return orders::status(args),
+        Some(Command::Bench(args)) => bench::run(args).map_err(CliError::from),
+        None => attend::run(&call.args, |summary| {
+            let _ = if call.args.json {
+                writeln!(io::stdout(), "{}", summary.json())
+            } else {
+                writeln!(io::stdout(), "{}: {summary}", Role::Controller)
+            };
+        }),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            say(&error);
+            ExitCode::from(if error.is_misuse() { 2 } else { 1 })
+        }
+    }
+}

@@ -1,0 +1,163 @@
+//! The controller process: run after run, for whoever comes.
+
+use std::time::Duration;
+
+use super::beside::{Beside, Reload};
+use super::{Args, CliError, SAY_AFTER, Summary, other_leg, say};
+use crate::card::Pace;
+use crate::link::LinkError;
+use crate::office::{Office, Windows};
+use crate::operated::Operated;
+use crate::realtime::Shared;
+use crate::serve::{ServeError, serve_patiently};
+use crate::shelf;
+use crate::shm::{ConnectError, ShmController};
+use crate::{Domain, Terms};
+use leg_control::control::Config;
+use leg_program::Stop;
+use leg_program::policy_file::PolicyBlob;
+
+/// Attends to legs, one after the other.
+pub(super) struct Attendant {
+    // Before the link, and so gone before the role is given up.
+    _beside: Beside,
+    pub(super) link: ShmController,
+    pub(super) controller: Operated,
+    pub(super) stop: Stop,
+    /// For a leg that is missing or silent; `None` is without end.
+    pub(super) patience: Option<Duration>,
+    pub(super) once: bool,
+    has_said_missing: bool,
+    /// The process whose run is over.
+    farewell: Option<u32>,
+}
+
+/// Runs the controller: until a signal ends it or, with `--once`, for one run.
+/// `tell` hears what each run has come to; in real time, all of them.
+pub(super) fn run(args: &Args, tell: impl FnMut(&Summary)) -> Result<(), CliError> {
+    let figures = Shared::default();
+    let attendant = Attendant::begin(args, &figures)?;
+    match args.pace() {
+        Pace::LockStep => attendant.attend(tell),
+        Pace::RealTime => attendant.attend_in_real_time(args, figures, tell),
+    }
+}
+
+impl Attendant {
+    /// Takes the role, and opens the desk.
+    fn begin(args: &Args, figures: &Shared) -> Result<Self, CliError> {
+        let config = Config::at_rate(args.rate)?.with_gravity(args.gravity)?;
+        let blob = PolicyBlob::load(args.policy.as_deref())?;
+        let leg = blob.policy()?.manifest().leg;
+        let policy = shelf::keep(blob.as_slice())?;
+        let (stop, reload) = match &args.policy {
+            // Without a file there is nothing to read again.
+            None => (Stop::on_signals().map_err(CliError::Signals)?, None),
+            Some(policy) => {
+                let (stop, hang_up) = Stop::on_signals_but_hang_up().map_err(CliError::Signals)?;
+                (stop, Some(Reload { hang_up, policy: policy.clone() }))
+            }
+        };
+
+        let domain = Domain::join(args.meeting.domain())?;
+        let terms = Terms::at(args.rate).with_gravity(args.gravity).with_leg(&leg);
+        let terms = terms.with_pace(args.pace());
+        let link = ShmController::open(&domain, terms, &stop)?;
+        let keeper = link.keeper();
+        let windows = Windows {
+            peer: Box::new(move || keeper.status()),
+            timing: match args.pace() {
+                Pace::LockStep => None,
+                Pace::RealTime => Some(figures.clone()),
+            },
+        };
+        let file = blob.path().display().to_string();
+        let (controller, office) = Office::open(policy, &file, config, terms, windows);
+        let beside = Beside::open(&domain, office, reload, &stop);
+        Ok(Self {
+            _beside: beside,
+            link,
+            controller,
+            stop,
+            // One that stays waits as long as it takes, unless it is told how long.
+            patience: if args.once { Some(args.meeting.timeout()) } else { args.meeting.timeout },
+            once: args.once,
+            has_said_missing: false,
+            farewell: None,
+        })
+    }
+
+    /// In lock-step.
+    fn attend(mut self, mut tell: impl FnMut(&Summary)) -> Result<(), CliError> {
+        loop {
+            match self.wait() {
+                Ok(()) => (),
+                Err(ConnectError::Stopped(_)) if !self.once => return Ok(()),
+                Err(cause) if cause.is_misfit() && !self.once => {
+                    say(format_args!("{cause}; still waiting"));
+                    continue;
+                }
+                Err(cause) => return Err(cause.into()),
+            }
+            match self.serve() {
+                Ok(summary) => {
+                    tell(&summary);
+                    self.farewell = self.link.peer().map(|peer| peer.pid);
+                    if self.once {
+                        return Ok(());
+                    }
+                }
+                Err(ServeError::Link { ticks: 0, cause: LinkError::Stopped }) if !self.once => {
+                    return Ok(());
+                }
+                Err(ServeError::Link { ticks, cause }) if !self.once && cause.lost().is_some() => {
+                    // One whose run is over has said so before.
+                    if cause.lost() != self.farewell {
+                        say(format_args!("after {ticks} ticks: {cause}; waiting for the next"));
+                    }
+                }
+                Err(cause) => return Err(cause.into()),
+            }
+            self.controller.restart();
+        }
+    }
+
+    /// Until a leg is there.
+    pub(super) fn wait(&mut self) -> Result<(), ConnectError> {
+        let said = &mut self.has_said_missing;
+        let peer = self.link.wait_for_peer(self.patience, |missing| {
+            if !*said && missing.waited >= SAY_AFTER {
+                *said = true;
+                say(format_args!("{missing}; still waiting"));
+            }
+            true
+        })?;
+        // The next time it is somebody's second run: he knows how.
+        *said = true;
+        let manifest = self.controller.controller().policy().manifest();
+        if let Some(warning) = other_leg(manifest, peer.leg) {
+            say(warning);
+        }
+        Ok(())
+    }
+
+    /// One run of the leg that is there.
+    fn serve(&mut self) -> Result<Summary, ServeError> {
+        let controller = &mut self.controller;
+        let mut apexes = 0;
+        let law = |sample: &_| {
+            let command = controller.tick(Some(sample));
+            apexes = command.apexes;
+            command
+        };
+        let ticks = serve_patiently(&mut self.link, self.patience, law, |silence| say(silence))?;
+        Ok(summary(&self.controller, ticks, apexes))
+    }
+}
+
+/// What a run came to.
+pub(super) fn summary(controller: &Operated, ticks: u64, apexes: u32) -> Summary {
+    let controller = controller.controller();
+    let policy = controller.policy().manifest().name.to_owned();
+    Summary { policy, ticks, apexes, counts: *controller.counts(), real_time: None }
+}

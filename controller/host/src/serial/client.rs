@@ -1,0 +1,459 @@
+//! Talks to a flashed controller: says each message until it is answered.
+//!
+//! Samples and requests are two exchanges side by side, each with at most one
+//! message unanswered. What is not answered in time, or answered by a damaged
+//! frame, is said again with its number, and the controller does nothing twice.
+
+use std::io;
+use std::time::{Duration, Instant};
+
+use serde::Serialize;
+
+use super::faults;
+use super::identity::Who;
+use super::line::{Came, Line, framed};
+use super::pending::{Answered, Pace, Pending};
+use super::stream::ByteStream;
+use leg_control::serial::PROTOCOL_VERSION;
+use leg_control::serial::frame::FrameFault;
+use leg_control::serial::message::{
+    Alarm, LineCounts, Refusal, Reply, Request, SlotReport, Statistics, ToController, ToHost,
+};
+use leg_control::wire::{Command, Sample};
+use leg_program::Stop;
+
+/// How long to say hello: the first byte may be lost, and an emulator needs a while to boot.
+pub const HELLO_PATIENCE: Duration = Duration::from_secs(3);
+/// How long to wait for the answer to any other request.
+pub const REQUEST_PATIENCE: Duration = Duration::from_secs(3);
+/// Longest wait at the line before looking whether to stop.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// Why the controller could not be talked to, or would not.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ClientError {
+    /// The stream is gone.
+    #[error("the line to the controller broke: {0}; is the board unplugged, the emulator ended?")]
+    Line(#[from] io::Error),
+    /// Nothing came at all.
+    #[error(
+        "nobody has answered for {:.1} s: is the board powered, the --baud right, the port not \
+         taken by another program?",
+        waited.as_secs_f64()
+    )]
+    Silent {
+        /// For so long.
+        waited: Duration,
+    },
+    /// Something came, nothing that could be read.
+    #[error(
+        "only noise has come for {:.1} s ({bad} damaged frames): is the --baud right, the cable \
+         good?",
+        waited.as_secs_f64()
+    )]
+    Noise {
+        /// For so long.
+        waited: Duration,
+        /// Frames that were none.
+        bad: u32,
+    },
+    /// It speaks another version of the protocol.
+    #[error(
+        "the controller speaks version {theirs} of the protocol, this program version \
+         {PROTOCOL_VERSION}; flash a firmware of this release, or use the program of that one"
+    )]
+    ProtocolVersion {
+        /// The controller's.
+        theirs: u8,
+    },
+    /// It would not.
+    #[error("the controller refuses: {}", faults::refusal(.0))]
+    Refused(Refusal),
+    /// It says something else than what it was asked.
+    #[error(
+        "the controller answers something else than what it was asked; build both from the same release"
+    )]
+    WrongReply,
+    /// The program broke off there.
+    #[error("the controller has raised an alarm: {}", faults::alarm(.0))]
+    Alarm(Alarm),
+    /// This process was told to stop, by a signal.
+    #[error("stopped by a signal")]
+    Stopped,
+}
+
+impl ClientError {
+    /// Whether the stream itself is gone, so that another may serve.
+    #[must_use]
+    pub fn is_unplugged(&self) -> bool {
+        matches!(self, Self::Line(_))
+    }
+}
+
+/// What went over the line, counted here.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Counts {
+    /// Frames sent, those sent again included.
+    pub frames_out: u64,
+    /// Samples answered, each by its command.
+    pub commands: u64,
+    /// Samples said again.
+    pub sample_retries: u64,
+    /// Requests answered.
+    pub replies: u64,
+    /// Requests said again.
+    pub request_retries: u64,
+    /// Commands for a sample that was answered before.
+    pub repeats: u64,
+    /// Commands and replies to what nobody waits for any more.
+    pub stale: u64,
+}
+
+/// What came.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Heard {
+    /// Nothing new in that time.
+    Nothing,
+    /// A command for a sample that was posted, and for none older than that of
+    /// the command before.
+    Command {
+        /// Number of its sample.
+        turn: u32,
+        /// The command.
+        command: Command,
+        /// Whether the command before was for the same sample: an answer given
+        /// twice or, live, the next tick's without a new sample.
+        again: bool,
+    },
+    /// The reply to the request posted last; it is at [`Client::reply`].
+    Reply,
+    /// An alarm.
+    Alarm(Alarm),
+}
+
+/// The turns of which a command is taken.
+#[derive(Clone, Copy, Debug)]
+struct OpenTurns {
+    /// That of the last command; at first, of the first sample.
+    from: u32,
+    /// That of the newest sample.
+    to: u32,
+    /// Whether there has been a command for `from`.
+    answered: bool,
+}
+
+impl OpenTurns {
+    fn contains(self, turn: u32) -> bool {
+        // The numbers may wrap around.
+        turn.wrapping_sub(self.from) <= self.to.wrapping_sub(self.from)
+    }
+}
+
+/// The host's end of the line.
+pub struct Client {
+    line: Line,
+    turn: Option<Pending>,
+    turn_pace: Pace,
+    answered_turn: Option<Answered>,
+    open: Option<OpenTurns>,
+    request: Option<Pending>,
+    request_pace: Pace,
+    answered_request: Option<Answered>,
+    next_id: u32,
+    counts: Counts,
+    /// The protocol version of frames that came and were of another one.
+    foreign: Option<u8>,
+    stop: Stop,
+}
+
+impl Client {
+    /// Over an open stream, nothing said yet. Waits end early, by
+    /// [`ClientError::Stopped`], when `stop` is raised.
+    #[must_use]
+    pub fn new(stream: Box<dyn ByteStream>, stop: &Stop) -> Self {
+        Self {
+            line: Line::new(stream),
+            turn: None,
+            turn_pace: Pace::new(),
+            answered_turn: None,
+            open: None,
+            request: None,
+            request_pace: Pace::new(),
+            answered_request: None,
+            // The last program's last number must not be this one's first.
+            next_id: random_u32(),
+            counts: Counts::default(),
+            foreign: None,
+            stop: stop.clone(),
+        }
+    }
+
+    /// Goes on over another stream; what was unanswered is forgotten, the
+    /// counters are not.
+    pub fn replace_stream(&mut self, stream: Box<dyn ByteStream>) {
+        self.line.replace(stream);
+        (self.turn, self.open, self.request) = (None, None, None);
+        (self.turn_pace, self.request_pace) = (Pace::new(), Pace::new());
+    }
+
+    /// What was counted since it was made.
+    #[must_use]
+    pub fn counts(&self) -> &Counts {
+        &self.counts
+    }
+
+    /// What came over the line since it was made.
+    #[must_use]
+    pub fn line_counts(&self) -> &LineCounts {
+        self.line.counts()
+    }
+
+    /// From now on waits do not end when the stop is raised: for what has to be
+    /// said before leaving.
+    pub fn disregard_stop(&mut self) {
+        self.stop = Stop::default();
+    }
+
+    /// Sends a sample, in place of one that is unanswered. Turns ascend.
+    ///
+    /// # Errors
+    /// [`ClientError::Line`].
+    pub fn post_sample(&mut self, turn: u32, sample: &Sample) -> Result<(), ClientError> {
+        let first = OpenTurns { from: turn, to: turn, answered: false };
+        self.open = Some(self.open.map_or(first, |open| OpenTurns { to: turn, ..open }));
+        let frame = frame_of(&ToController::Sample { turn, sample: *sample });
+        let pending = self.turn.insert(Pending::new(turn, frame, &self.turn_pace));
+        say(&mut self.line, pending, &mut self.counts)
+    }
+
+    /// Sends a request, in place of one that is unanswered.
+    ///
+    /// # Errors
+    /// [`ClientError::Line`].
+    pub fn post_request(&mut self, request: &Request<'_>) -> Result<(), ClientError> {
+        let id = self.next_id;
+        self.next_id = id.wrapping_add(1);
+        let frame = frame_of(&ToController::Request { id, request: *request });
+        let pending = self.request.insert(Pending::new(id, frame, &self.request_pace));
+        say(&mut self.line, pending, &mut self.counts)
+    }
+
+    /// For how long the request posted last has been unanswered.
+    #[must_use]
+    pub fn request_age(&self) -> Option<Duration> {
+        self.request.as_ref().map(Pending::age)
+    }
+
+    /// The request posted last needs no answer any more.
+    pub fn drop_request(&mut self) {
+        self.request = None;
+    }
+
+    /// Waits at most `timeout` for something to come, and says again what is
+    /// due. May return [`Heard::Nothing`] sooner.
+    ///
+    /// # Errors
+    /// [`ClientError::Line`], [`ClientError::Stopped`].
+    pub fn listen(&mut self, timeout: Duration) -> Result<Heard, ClientError> {
+        if self.stop.is_raised() {
+            return Err(ClientError::Stopped);
+        }
+        self.say_what_is_due()?;
+        let due = [&self.turn, &self.request].into_iter().flatten().map(Pending::wait).min();
+        let wait = timeout.min(due.unwrap_or(LOOK)).min(LOOK);
+        match self.line.receive(wait)? {
+            Came::Nothing => Ok(Heard::Nothing),
+            Came::Bad(fault) => {
+                if let FrameFault::Version(version) = fault {
+                    self.foreign = Some(version);
+                } else {
+                    self.answer_was_damaged()?;
+                }
+                Ok(Heard::Nothing)
+            }
+            Came::Frame => Ok(self.take()),
+        }
+    }
+
+    fn say_what_is_due(&mut self) -> Result<(), ClientError> {
+        if let Some(turn) = self.turn.as_mut().filter(|turn| turn.wait().is_zero()) {
+            turn.said_again_after_silence();
+            self.counts.sample_retries += 1;
+            say(&mut self.line, turn, &mut self.counts)?;
+        }
+        if let Some(request) = self.request.as_mut().filter(|request| request.wait().is_zero()) {
+            request.said_again_after_silence();
+            self.counts.request_retries += 1;
+            say(&mut self.line, request, &mut self.counts)?;
+        }
+        Ok(())
+    }
+
+    /// A damaged frame. When only one answer is waited for, that was it: no
+    /// need to wait on.
+    fn answer_was_damaged(&mut self) -> Result<(), ClientError> {
+        let (pending, retries) = match (&mut self.turn, &mut self.request) {
+            (Some(turn), None) => (turn, &mut self.counts.sample_retries),
+            (None, Some(request)) => (request, &mut self.counts.request_retries),
+            _ => return Ok(()),
+        };
+        if !pending.may_be_answered() {
+            return Ok(());
+        }
+        pending.said_again();
+        *retries += 1;
+        say(&mut self.line, pending, &mut self.counts)
+    }
+
+    fn take(&mut self) -> Heard {
+        match self.line.message::<ToHost<'_>>() {
+            Some(ToHost::Command { turn, command }) => {
+                if let Some(pending) = self.turn.take_if(|pending| pending.number == turn) {
+                    self.answered_turn = pending.answered(&mut self.turn_pace);
+                } else if let Some(twice) = self.answered_turn.take_if(|last| last.number == turn) {
+                    self.turn_pace.was_too_soon(twice.took);
+                }
+                if let Some(open) = self.open.filter(|open| open.contains(turn)) {
+                    let again = open.answered && open.from == turn;
+                    self.open = Some(OpenTurns { from: turn, answered: true, ..open });
+                    self.counts.commands += u64::from(!again);
+                    self.counts.repeats += u64::from(again);
+                    return Heard::Command { turn, command, again };
+                }
+            }
+            Some(ToHost::Reply { id, .. }) => {
+                if let Some(pending) = self.request.take_if(|pending| pending.number == id) {
+                    self.answered_request = pending.answered(&mut self.request_pace);
+                    self.counts.replies += 1;
+                    return Heard::Reply;
+                }
+                if let Some(twice) = self.answered_request.take_if(|last| last.number == id) {
+                    self.request_pace.was_too_soon(twice.took);
+                }
+            }
+            Some(ToHost::Alarm(alarm)) => return Heard::Alarm(alarm),
+            None => {
+                self.line.count_unknown();
+                return Heard::Nothing;
+            }
+        }
+        self.counts.stale += 1;
+        Heard::Nothing
+    }
+
+    /// The reply just [heard](Heard::Reply).
+    #[must_use]
+    pub fn reply(&self) -> Option<Reply<'_>> {
+        match self.line.message() {
+            Some(ToHost::Reply { reply, .. }) => Some(reply),
+            _ => None,
+        }
+    }
+
+    /// Asks, and waits for the reply. A sample that was unanswered is forgotten.
+    ///
+    /// # Errors
+    /// [`ClientError`]; a refusal is one.
+    pub fn request(
+        &mut self,
+        request: &Request<'_>,
+        patience: Duration,
+    ) -> Result<Reply<'_>, ClientError> {
+        self.turn = None;
+        let (begun, bad) = (Instant::now(), bad_frames(self.line.counts()));
+        self.foreign = None;
+        self.post_request(request)?;
+        loop {
+            match self.listen(patience)? {
+                Heard::Reply => break,
+                Heard::Alarm(alarm @ Alarm::Crash(_)) => return Err(ClientError::Alarm(alarm)),
+                Heard::Alarm(Alarm::NoPolicy { .. }) | Heard::Command { .. } | Heard::Nothing => (),
+            }
+            let waited = begun.elapsed();
+            if waited >= patience {
+                self.request = None;
+                let bad = bad_frames(self.line.counts()) - bad;
+                return Err(match self.foreign {
+                    Some(theirs) => ClientError::ProtocolVersion { theirs },
+                    None if bad > 0 => ClientError::Noise { waited, bad },
+                    None => ClientError::Silent { waited },
+                });
+            }
+        }
+        match self.reply() {
+            Some(Reply::Refused(refusal)) => Err(ClientError::Refused(refusal)),
+            Some(reply) => Ok(reply),
+            None => Err(ClientError::WrongReply),
+        }
+    }
+
+    /// Asks for something to be done, and waits until it is.
+    ///
+    /// # Errors
+    /// As [`Client::request`].
+    pub fn have_done(&mut self, request: &Request<'_>) -> Result<(), ClientError> {
+        match self.request(request, REQUEST_PATIENCE)? {
+            Reply::Done => Ok(()),
+            _ => Err(ClientError::WrongReply),
+        }
+    }
+
+    /// Says hello until somebody answers, at most for `patience`
+    /// ([`HELLO_PATIENCE`] is usual).
+    ///
+    /// # Errors
+    /// As [`Client::request`].
+    pub fn identify(&mut self, patience: Duration) -> Result<Who, ClientError> {
+        match self.request(&Request::Identify, patience)? {
+            Reply::Identity(identity) => Ok(Who::from(&identity)),
+            _ => Err(ClientError::WrongReply),
+        }
+    }
+
+    /// What lies in the two slots: A, then B.
+    ///
+    /// # Errors
+    /// As [`Client::request`].
+    pub fn slots(&mut self) -> Result<[SlotReport<'_>; 2], ClientError> {
+        match self.request(&Request::Slots, REQUEST_PATIENCE)? {
+            Reply::Slots(slots) => Ok(slots),
+            _ => Err(ClientError::WrongReply),
+        }
+    }
+
+    /// Counters and figures.
+    ///
+    /// # Errors
+    /// As [`Client::request`].
+    pub fn statistics(&mut self) -> Result<Statistics, ClientError> {
+        match self.request(&Request::Statistics, REQUEST_PATIENCE)? {
+            Reply::Statistics(statistics) => Ok(statistics),
+            _ => Err(ClientError::WrongReply),
+        }
+    }
+}
+
+/// Frames that were none, of whatever kind.
+fn bad_frames(line: &LineCounts) -> u32 {
+    line.crc_errors + line.malformed + line.oversize + line.version
+}
+
+fn frame_of(message: &ToController<'_>) -> Vec<u8> {
+    // A chunk is the longest, and `upload` makes none longer than fits.
+    framed(message).unwrap_or_default()
+}
+
+fn say(line: &mut Line, message: &Pending, counts: &mut Counts) -> Result<(), ClientError> {
+    line.send(&message.frame)?;
+    counts.frames_out += 1;
+    Ok(())
+}
+
+/// A number that no other program comes upon at the same time.
+#[must_use]
+pub fn random_u32() -> u32 {
+    use std::hash::{BuildHasher, Hasher};
+    // The standard library's maps are seeded by the system.
+    std::collections::hash_map::RandomState::new().build_hasher().finish() as u32
+}

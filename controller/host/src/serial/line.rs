@@ -1,0 +1,95 @@
+//! Frames over a stream of bytes.
+
+use std::io;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use super::stream::ByteStream;
+use leg_control::serial::frame::{self, FrameFault, MAX_FRAME, Receiver, TooLong};
+use leg_control::serial::message::LineCounts;
+
+/// Bytes taken from the stream at once.
+const CHUNK: usize = 1024;
+
+/// What ends a wait at the line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Came {
+    /// No end of a frame.
+    Nothing,
+    /// A good frame; its message is at [`Line::message`].
+    Frame,
+    /// A frame that is none.
+    Bad(FrameFault),
+}
+
+/// A stream, and the frames found in it.
+pub(super) struct Line {
+    stream: Box<dyn ByteStream>,
+    receiver: Receiver,
+    bytes: Box<[u8; CHUNK]>,
+    /// The part of `bytes` not yet looked at.
+    unread: std::ops::Range<usize>,
+}
+
+impl Line {
+    pub(super) fn new(stream: Box<dyn ByteStream>) -> Self {
+        Self { stream, receiver: Receiver::new(), bytes: Box::new([0; CHUNK]), unread: 0..0 }
+    }
+
+    /// Goes on over another stream; counts go on, too.
+    pub(super) fn replace(&mut self, stream: Box<dyn ByteStream>) {
+        self.stream = stream;
+        self.unread = 0..0;
+        // What was cut off stays a frame of its own.
+        self.receiver.push(0);
+    }
+
+    pub(super) fn counts(&self) -> &LineCounts {
+        self.receiver.counts()
+    }
+
+    pub(super) fn send(&mut self, frame: &[u8]) -> io::Result<()> {
+        self.stream.write_all(frame)
+    }
+
+    /// Waits at most `timeout` for bytes, and looks at them up to the end of a
+    /// frame. [`Came::Nothing`] also when what came is not the end of one yet.
+    pub(super) fn receive(&mut self, timeout: Duration) -> io::Result<Came> {
+        if self.unread.is_empty() {
+            self.unread = 0..self.stream.read(&mut *self.bytes, timeout)?;
+        }
+        for at in self.unread.by_ref() {
+            match self.receiver.push(self.bytes[at]) {
+                None => (),
+                Some(Ok(_)) => return Ok(Came::Frame),
+                Some(Err(fault)) => return Ok(Came::Bad(fault)),
+            }
+        }
+        Ok(Came::Nothing)
+    }
+
+    /// The payload of the frame that came last.
+    pub(super) fn payload(&self) -> &[u8] {
+        self.receiver.payload()
+    }
+
+    /// The message of the frame that came last; `None` when it is none that is
+    /// known here.
+    pub(super) fn message<'a, M: Deserialize<'a>>(&'a self) -> Option<M> {
+        frame::decode(self.payload()).ok()
+    }
+
+    pub(super) fn count_unknown(&mut self) {
+        self.receiver.count_unknown();
+    }
+}
+
+/// A message as it goes over the line.
+///
+/// # Errors
+/// [`TooLong`].
+pub(super) fn framed(message: &impl Serialize) -> Result<Vec<u8>, TooLong> {
+    let mut frame = [0; MAX_FRAME];
+    frame::encode(message, &mut frame).map(<[u8]>::to_vec)
+}

@@ -1,0 +1,286 @@
+use std::io;
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use super::stream::{USUAL_BAUD, over_unix};
+use super::upload::{Progress, roll_back, upload};
+use super::*;
+use crate::flash::MemoryFlash;
+use leg_control::checksum::crc32;
+use leg_control::policy::SHIPPED;
+use leg_control::serial::message::{Alarm, Mode, Refusal, Request, Slot, SlotFault};
+use leg_control::wire::{Header, Sample};
+use leg_program::Stop;
+use leg_program::policy_file::PolicyBlob;
+
+const SHORT: Duration = Duration::from_millis(50);
+const LONG: Duration = Duration::from_secs(10);
+
+/// A board on a thread, at the far end of a stream.
+struct Bench {
+    on: Arc<AtomicBool>,
+    thread: Option<JoinHandle<io::Result<()>>>,
+}
+
+impl Bench {
+    fn new(mut stream: Box<dyn ByteStream>, flash: MemoryFlash) -> Self {
+        let on = Arc::new(AtomicBool::new(true));
+        let goes_on = Arc::clone(&on);
+        let serve = move || {
+            VirtualBoard::power_up(flash).serve(&mut *stream, || goes_on.load(Ordering::Relaxed))
+        };
+        Self { on, thread: Some(std::thread::spawn(serve)) }
+    }
+}
+
+impl Drop for Bench {
+    fn drop(&mut self) {
+        self.on.store(false, Ordering::Relaxed);
+        self.thread.take().unwrap().join().unwrap().unwrap();
+    }
+}
+
+fn pair() -> (Box<dyn ByteStream>, Box<dyn ByteStream>) {
+    let (here, there) = UnixStream::pair().unwrap();
+    (over_unix(here).unwrap(), over_unix(there).unwrap())
+}
+
+fn shipped() -> MemoryFlash {
+    MemoryFlash::new().loaded(Slot::A, SHIPPED)
+}
+
+fn board() -> (Client, Bench) {
+    let (here, there) = pair();
+    (Client::new(here, &Stop::default()), Bench::new(there, shipped()))
+}
+
+fn sample(seq: u64) -> Sample {
+    let header = Header { version: 1, epoch: 1, seq, t_ns: seq * 1_000_000, flags: 0 };
+    Sample { header, y_m: 2.0, ..Sample::default() }
+}
+
+/// A stream that loses the first bytes both ways, as a port does that is just open.
+struct LosesFirst<S>(S, [usize; 2]);
+
+impl<S: ByteStream> ByteStream for LosesFirst<S> {
+    fn read(&mut self, bytes: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        let count = self.0.read(bytes, timeout)?;
+        let lost = count.min(self.1[0]);
+        self.1[0] -= lost;
+        bytes.copy_within(lost..count, 0);
+        Ok(count - lost)
+    }
+
+    fn write_all(&mut self, bytes: &[u8]) -> io::Result<()> {
+        let lost = bytes.len().min(self.1[1]);
+        self.1[1] -= lost;
+        self.0.write_all(&bytes[lost..])
+    }
+}
+
+#[test]
+fn hello_is_said_until_it_is_answered() {
+    let (here, there) = pair();
+    let mut client = Client::new(Box::new(LosesFirst(here, [5, 12])), &Stop::default());
+    let _bench = Bench::new(there, shipped());
+    let who = client.identify(LONG).unwrap();
+    assert_eq!((who.board.as_str(), who.session, who.mode), ("virtual", None, Mode::Idle));
+    assert_eq!(who.policy.unwrap().name, "robust");
+    assert!(client.counts().request_retries >= 2, "{:?}", client.counts());
+}
+
+#[test]
+fn silence_noise_and_another_version_are_told_apart() {
+    let (here, mut there) = pair();
+    let mut client = Client::new(here, &Stop::default());
+    let silent = client.identify(SHORT).unwrap_err();
+    assert!(matches!(silent, ClientError::Silent { .. }), "{silent}");
+    assert!(silent.to_string().contains("--baud"), "{silent}");
+
+    there.write_all(&[0, 3, 7, 9, 0, 1, 2, 3, 0]).unwrap();
+    let noise = client.identify(SHORT).unwrap_err();
+    assert!(matches!(noise, ClientError::Noise { bad: 2, .. }), "{noise}");
+
+    let body = [2];
+    let mut frame = vec![0, 6];
+    frame.extend(body);
+    frame.extend(crc32(&body).to_le_bytes());
+    assert!(!frame[1..].contains(&0), "one group of COBS");
+    frame.push(0);
+    there.write_all(&frame).unwrap();
+    let other = client.identify(SHORT).unwrap_err().to_string();
+    assert!(other.contains("speaks version 2 of the protocol, this program version 1"), "{other}");
+
+    drop(there);
+    assert!(client.identify(LONG).unwrap_err().is_unplugged());
+}
+
+#[test]
+fn samples_and_requests_go_side_by_side() {
+    let (mut client, _bench) = board();
+    client.have_done(&Request::Reset { session: 7, rate_hz: 500, gravity_m_s2: 1.62 }).unwrap();
+    client.have_done(&Request::SetMode(Mode::LockStep)).unwrap();
+    let who = client.identify(LONG).unwrap();
+    assert_eq!((who.session, who.rate_hz, who.gravity_m_s2), (Some(7), 500, 1.62));
+    let start = u32::MAX - 100; // The numbers wrap around.
+    for tick in 0..200 {
+        client.post_request(&Request::Slots).unwrap();
+        client.post_sample(start.wrapping_add(tick), &sample(u64::from(tick))).unwrap();
+        let (mut command, mut reply) = (None, false);
+        let begun = Instant::now();
+        while (command.is_none() || !reply) && begun.elapsed() < LONG {
+            match client.listen(LONG).unwrap() {
+                Heard::Command { turn, command: heard, again: false } => {
+                    command = Some((turn, heard));
+                }
+                Heard::Reply => reply = true,
+                _ => (),
+            }
+        }
+        let (turn, command) = command.expect("a command");
+        assert_eq!((turn, command.header.seq), (start.wrapping_add(tick), u64::from(tick)));
+    }
+    assert_eq!(client.statistics().unwrap().ticks, 200);
+    let counts = client.counts();
+    let sent = counts.commands + counts.sample_retries + counts.replies + counts.request_retries;
+    assert_eq!(counts.frames_out, sent);
+}
+
+#[test]
+fn a_refusal_says_what_to_do() {
+    let (mut client, _bench) = board();
+    let refused = client.have_done(&Request::SetPoint(Some(99.0))).unwrap_err();
+    assert!(matches!(refused, ClientError::Refused(Refusal::SetPoint { .. })), "{refused}");
+    assert!(refused.to_string().contains("at most 50 m/s"), "{refused}");
+    let refused = roll_back(&mut client, SHORT).unwrap_err().to_string();
+    assert!(refused.contains("nothing to go back to: empty"), "{refused}");
+    // It is none the worse for it.
+    assert!(client.identify(LONG).is_ok());
+}
+
+#[test]
+fn a_board_without_a_policy_says_so_and_takes_one() {
+    let (here, there) = pair();
+    let mut client = Client::new(here, &Stop::default());
+    let _bench = Bench::new(there, MemoryFlash::new());
+    let Heard::Alarm(alarm) = client.listen(LONG).unwrap() else { panic!("no alarm") };
+    assert_eq!(alarm, Alarm::NoPolicy { a: SlotFault::Empty, b: SlotFault::Empty });
+    let text = faults::alarm(&alarm);
+    assert!(text.contains("slot A: empty") && text.contains("policy upload"), "{text}");
+    assert_eq!(client.identify(LONG).unwrap().policy, None);
+
+    let blob = PolicyBlob::load(None).unwrap();
+    let policy = blob.policy().unwrap();
+    let done = upload(&mut client, &policy, blob.as_slice(), LONG, |_| ()).unwrap();
+    assert!(done.slot == Slot::A && done.swapped_after.is_some(), "{done:?}");
+    assert_eq!(client.identify(LONG).unwrap().policy.unwrap().crc32, policy.crc32());
+}
+
+#[test]
+fn an_upload_comes_through_noise_both_ways() {
+    let (here, there) = pair();
+    let mut client = Client::new(Box::new(Noisy::new(here, 0.002, 1)), &Stop::default());
+    let _bench = Bench::new(there, shipped());
+    let blob = PolicyBlob::load(None).unwrap();
+    let policy = blob.policy().unwrap();
+    let mut progress = Vec::new();
+    let done = upload(&mut client, &policy, blob.as_slice(), LONG, |p| progress.push(p)).unwrap();
+    assert_eq!(done.slot, Slot::B);
+    let len = SHIPPED.len();
+    assert_eq!(progress.last(), Some(&Progress::Committed));
+    assert!(progress.contains(&Progress::Sent(len, len)));
+    assert!(client.counts().request_retries > 5, "{:?}", client.counts());
+    let slots = client.slots().unwrap();
+    assert_eq!(slots[1].content, Ok(("robust", policy.crc32())));
+    assert!(slots[1].running && !slots[0].running);
+    let (slot, after) = roll_back(&mut client, LONG).unwrap();
+    assert!(slot == Slot::A && after.is_some());
+}
+
+#[test]
+fn noise_is_as_much_as_asked_for_and_the_same_for_a_seed() {
+    let damage = |seed| {
+        let (here, mut there) = pair();
+        let mut noisy = Noisy::new(here, 0.01, seed);
+        noisy.write_all(&[0; 10_000]).unwrap();
+        let mut bytes = vec![0; 10_000];
+        let mut count = 0;
+        while count < bytes.len() {
+            count += there.read(&mut bytes[count..], LONG).unwrap();
+        }
+        assert_eq!(bytes.iter().filter(|byte| **byte != 0).count() as u64, noisy.damaged());
+        bytes
+    };
+    let one = damage(1);
+    let hits = one.iter().filter(|byte| **byte != 0).count();
+    assert!((60..140).contains(&hits), "{hits}");
+    assert_eq!(one, damage(1));
+    assert_ne!(one, damage(2));
+}
+
+#[test]
+fn a_serial_port_is_a_stream_too() {
+    use serialport::SerialPort;
+    let (master, slave) = serialport::TTYPort::pair().unwrap();
+    let path = PathBuf::from(slave.name().unwrap());
+    // Only one program at a time: the name is opened anew, below.
+    drop(slave);
+    let endpoint = Endpoint::Serial { path, baud: USUAL_BAUD };
+    let stream = endpoint.open().unwrap();
+    let second = endpoint.open().map(|_| ()).unwrap_err().to_string();
+    assert!(second.contains("another program has the port open"), "{second}");
+    let _bench = Bench::new(Box::new(master), shipped());
+    let mut client = Client::new(stream, &Stop::default());
+    assert_eq!(client.identify(LONG).unwrap().board, "virtual");
+    let blob = PolicyBlob::load(None).unwrap();
+    let policy = blob.policy().unwrap();
+    let done = upload(&mut client, &policy, blob.as_slice(), LONG, |_| ()).unwrap();
+    assert!(done.swapped_after.is_some(), "all bytes go through as they are");
+}
+
+#[test]
+fn a_stream_over_tcp_and_what_cannot_be_opened() {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    let mut here = Endpoint::Tcp(address.clone()).open().unwrap();
+    let mut there = stream::over_tcp(listener.accept().unwrap().0).unwrap();
+    let mut bytes = [0; 8];
+    assert_eq!(there.read(&mut bytes, Duration::ZERO).unwrap(), 0, "nothing yet");
+    here.write_all(b"hello").unwrap();
+    assert_eq!(there.read(&mut bytes, LONG).unwrap(), 5);
+    drop((here, listener));
+    let ended = there.read(&mut bytes, LONG).unwrap_err();
+    assert_eq!(ended.kind(), io::ErrorKind::UnexpectedEof);
+
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("socket");
+    let dead = dir.path().join("dead");
+    drop(UnixListener::bind(&dead).unwrap());
+    for (endpoint, what) in [
+        (Endpoint::Tcp(address), "nobody listens there"),
+        (Endpoint::Unix(path.clone()), "nobody listens there"),
+        (Endpoint::Unix(dead), "nobody listens there"),
+        (Endpoint::Serial { path, baud: 9_600 }, "is the board plugged in?"),
+        (Endpoint::Serial { path: "/dev/null".into(), baud: 9_600 }, "is it a serial port?"),
+    ] {
+        let error = endpoint.open().map(|_| ()).unwrap_err().to_string();
+        assert!(error.contains(&endpoint.to_string()) && error.contains(what), "{error}");
+    }
+}
+
+#[test]
+fn a_peer_that_takes_nothing_is_an_error_and_not_a_wait_for_ever() {
+    let (mut here, _there) = pair();
+    let begun = Instant::now();
+    let error = loop {
+        if let Err(error) = here.write_all(&[1; 4096]) {
+            break error;
+        }
+    };
+    assert_eq!(error.kind(), io::ErrorKind::TimedOut);
+    assert!(begun.elapsed() < LONG);
+}

@@ -1,0 +1,106 @@
+//! A policy brought to a flashed controller, and swapped in.
+
+use std::time::{Duration, Instant};
+
+use super::client::{Client, ClientError};
+use leg_control::policy::Policy;
+use leg_control::serial::message::{MAX_CHUNK, Refusal, Request, Slot, SlotReport};
+
+/// Between two looks whether it is swapped in.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// How far an upload is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Progress {
+    /// Bytes that are there, of so many.
+    Sent(usize, usize),
+    /// All are there; the controller checks them.
+    Checking,
+    /// It is the policy to run, from the next apex.
+    Committed,
+}
+
+/// What became of an upload.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Uploaded {
+    /// Where it lies.
+    pub slot: Slot,
+    /// From the first byte to the commit.
+    pub took: Duration,
+    /// From the commit until it ran; `None` when it still waits for an apex.
+    pub swapped_after: Option<Duration>,
+}
+
+/// Sends a checked policy, `bytes` being its blob, has it committed, and waits
+/// at most `patience` until it runs.
+///
+/// Until the commit is done the policy that runs is untouched, whatever happens.
+///
+/// # Errors
+/// [`ClientError`]; what was running before runs on.
+pub fn upload(
+    client: &mut Client,
+    policy: &Policy<'_>,
+    bytes: &[u8],
+    patience: Duration,
+    mut progress: impl FnMut(Progress),
+) -> Result<Uploaded, ClientError> {
+    let begun = Instant::now();
+    let crc32 = policy.crc32();
+    client.have_done(&Request::Begin { length: bytes.len() as u32, crc32 })?;
+    for (index, part) in bytes.chunks(MAX_CHUNK).enumerate() {
+        let offset = index * MAX_CHUNK;
+        client.have_done(&Request::Chunk { offset: offset as u32, bytes: part })?;
+        progress(Progress::Sent(offset + part.len(), bytes.len()));
+    }
+    progress(Progress::Checking);
+    client.have_done(&Request::Verify)?;
+    client.have_done(&Request::Commit)?;
+    let took = begun.elapsed();
+    progress(Progress::Committed);
+    let (slot, swapped_after) = wait_for_swap(client, patience, |slots| newest(slots, crc32))?;
+    Ok(Uploaded { slot, took, swapped_after })
+}
+
+/// Has the controller go back to the policy in the other slot, and waits at
+/// most `patience` until it runs. Returns its slot, and how long that took, if
+/// it is done.
+///
+/// # Errors
+/// [`ClientError`].
+pub fn roll_back(
+    client: &mut Client,
+    patience: Duration,
+) -> Result<(Slot, Option<Duration>), ClientError> {
+    let running = client.slots()?.iter().position(|slot| slot.running);
+    let back = running.map_or(Slot::A, |at| Slot::ALL[at].other());
+    client.have_done(&Request::RollBack)?;
+    wait_for_swap(client, patience, |_| Some(back))
+}
+
+/// The slot with the blob of this checksum that was committed last.
+fn newest(slots: &[SlotReport<'_>; 2], crc32: u32) -> Option<Slot> {
+    let holds = |slot: &SlotReport<'_>| slot.content.is_ok_and(|(_, found)| found == crc32);
+    let found = Slot::ALL.into_iter().zip(slots).filter(|(_, slot)| holds(slot));
+    found.max_by_key(|(_, slot)| slot.sequence).map(|(slot, _)| slot)
+}
+
+fn wait_for_swap(
+    client: &mut Client,
+    patience: Duration,
+    which: impl Fn(&[SlotReport<'_>; 2]) -> Option<Slot>,
+) -> Result<(Slot, Option<Duration>), ClientError> {
+    let committed = Instant::now();
+    loop {
+        let slots = client.slots()?;
+        // It was there a moment ago.
+        let slot = which(&slots).ok_or(ClientError::Refused(Refusal::Flash))?;
+        if slots[slot as usize].running {
+            return Ok((slot, Some(committed.elapsed())));
+        }
+        if committed.elapsed() >= patience {
+            return Ok((slot, None));
+        }
+        std::thread::sleep(LOOK);
+    }
+}

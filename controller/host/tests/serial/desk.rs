@@ -1,0 +1,339 @@
+//! Requests, uploads and roll-backs.
+
+use crate::rig::{BOARD, HOP_TICKS, Rig, crc32_of, factory, is_safe, small_blob};
+use leg_control::serial::desk::BoardFigures;
+use leg_control::serial::frame::{MAX_FRAME, Receiver, decode, encode};
+use leg_control::serial::message::{
+    Alarm, BlobFault, MAX_CHUNK, MAX_NAME, Mode, Refusal, Reply, Request, Slot, SlotFault,
+    ToController, ToHost, cut,
+};
+use leg_control::serial::pilot::{Pilot, SharedPilot};
+use leg_control::serial::slots::{PolicyFlash, SEAL_LEN};
+use leg_control::serial::station::Station;
+use leg_control::wire::WIRE_VERSION;
+use leg_host::flash::{LockedPilot, MemoryFlash};
+
+#[test]
+fn a_policy_uploaded_flies_from_the_next_apex_and_after_a_power_up() {
+    let (old, new) = (small_blob("old"), small_blob("new"));
+    let mut rig = Rig::power_up(factory(&old));
+    assert_eq!((rig.alarm, rig.name()), (None, "old"));
+    rig.hop();
+    rig.upload(&new).unwrap();
+    assert_eq!(rig.name(), "old");
+    assert_eq!(rig.begin(&new), Err(Refusal::SwapPending));
+    assert_eq!(rig.order(&Request::RollBack), Err(Refusal::SwapPending));
+    rig.ticks(HOP_TICKS);
+    let running = rig.running().unwrap();
+    assert_eq!((running.name, running.slot, running.crc32), ("new", Slot::B, crc32_of(&new)));
+    let [a, b] = rig.slots();
+    assert_eq!((a.sequence, a.running, a.content), (0, false, Ok(("old", crc32_of(&old)))));
+    assert_eq!((b.sequence, b.running, b.content), (1, true, Ok(("new", crc32_of(&new)))));
+    assert_eq!(rig.power_cycled().name(), "new");
+
+    rig.order(&Request::RollBack).unwrap();
+    assert_eq!(rig.name(), "new");
+    rig.ticks(HOP_TICKS);
+    assert_eq!(rig.name(), "old");
+    assert_eq!(rig.power_cycled().name(), "old");
+    let back = Refusal::NothingToRollBackTo(SlotFault::RolledBack);
+    assert_eq!(rig.order(&Request::RollBack), Err(back));
+}
+
+#[test]
+fn an_upload_cut_at_any_chunk_leaves_the_running_policy_running() {
+    let (old, new) = (small_blob("old"), small_blob("new"));
+    let chunks = new.len().div_ceil(MAX_CHUNK);
+    assert!(chunks > 4);
+    for sent in 0..=chunks {
+        let mut rig = Rig::power_up(factory(&old));
+        rig.hop();
+        rig.begin(&new).unwrap();
+        for number in 0..sent {
+            rig.chunk(&new, number).unwrap();
+            assert!(!is_safe(&rig.tick()));
+        }
+        if sent < chunks {
+            let received = (sent * MAX_CHUNK) as u32;
+            let incomplete = Refusal::Incomplete { received, length: new.len() as u32 };
+            assert_eq!(rig.order(&Request::Verify), Err(incomplete));
+            assert_eq!(rig.order(&Request::Commit), Err(incomplete));
+        }
+        assert!(!is_safe(&rig.ticks(2 * HOP_TICKS)));
+        assert_eq!(rig.name(), "old");
+        assert_eq!(rig.slots()[1].content, Err(SlotFault::Unfinished));
+        let mut again = rig.power_cycled();
+        assert_eq!((again.alarm, again.name()), (None, "old"));
+        // And the next upload goes through.
+        again.upload(&new).unwrap();
+        assert_eq!(again.name(), "new");
+    }
+}
+
+#[test]
+fn an_upload_with_any_byte_flipped_leaves_the_running_policy_running() {
+    let (old, new) = (small_blob("old"), small_blob("new"));
+    let mut rig = Rig::power_up(factory(&old));
+    rig.hop();
+    for at in 0..new.len() {
+        let mut spoilt = new.clone();
+        spoilt[at] ^= 1 << (at % 8);
+        // Announced as what it should have been.
+        rig.order(&Request::Begin { length: new.len() as u32, crc32: crc32_of(&new) }).unwrap();
+        for number in 0..new.len().div_ceil(MAX_CHUNK) {
+            rig.chunk(&spoilt, number).unwrap();
+        }
+        assert!(matches!(rig.order(&Request::Verify), Err(Refusal::Blob(_))), "byte {at}");
+        assert!(matches!(rig.order(&Request::Commit), Err(Refusal::Blob(_))), "byte {at}");
+        assert!(!is_safe(&rig.tick()));
+        assert_eq!(rig.name(), "old");
+        if at % 16 == 0 {
+            assert_eq!(rig.power_cycled().name(), "old");
+        }
+    }
+}
+
+#[test]
+fn a_hundred_uploads_and_swaps_while_hopping_miss_no_tick() {
+    let blobs = ["even", "odd"].map(small_blob);
+    let mut rig = Rig::power_up(factory(&small_blob("first")));
+    rig.order(&Request::Reset { session: 1, rate_hz: 1_000, gravity_m_s2: 9.81 }).unwrap();
+    rig.hop();
+    let mut ticks = HOP_TICKS / 4;
+    for round in 0..100 {
+        let blob = &blobs[round % 2];
+        rig.begin(blob).unwrap();
+        for number in 0..blob.len().div_ceil(MAX_CHUNK) {
+            rig.chunk(blob, number).unwrap();
+            assert!(!is_safe(&rig.tick()));
+            ticks += 1;
+        }
+        rig.order(&Request::Commit).unwrap();
+        while rig.pilot.with(|pilot| pilot.swap_is_pending()) {
+            assert!(!is_safe(&rig.tick()));
+            ticks += 1;
+        }
+        assert_eq!(rig.name(), ["even", "odd"][round % 2]);
+        assert_eq!(ticks % HOP_TICKS, 1, "swapped in at the tick of an apex");
+    }
+    let statistics = rig.statistics();
+    assert_eq!(statistics.swaps, 100);
+    assert_eq!((u64::from(statistics.ticks), statistics.missed), (ticks, 0));
+    let [a, b] = rig.slots();
+    assert_eq!((a.sequence.max(b.sequence), a.sequence.abs_diff(b.sequence)), (100, 1));
+    assert_eq!(rig.power_cycled().name(), "odd");
+}
+
+#[test]
+fn a_request_said_again_is_answered_again_and_not_done_again() {
+    let (old, new) = (small_blob("old"), small_blob("new"));
+    let mut rig = Rig::power_up(factory(&old));
+    let begin = Request::Begin { length: new.len() as u32, crc32: crc32_of(&new) };
+    assert_eq!(rig.ask_as(70, &begin), Reply::Done);
+    let first = Request::Chunk { offset: 0, bytes: &new[..MAX_CHUNK] };
+    assert_eq!(rig.ask_as(71, &first), Reply::Done);
+    // Were it done again, the upload would begin anew.
+    assert_eq!(rig.ask_as(71, &first), Reply::Done);
+    let second = Request::Chunk { offset: MAX_CHUNK as u32, bytes: &new[MAX_CHUNK..2 * MAX_CHUNK] };
+    assert_eq!(rig.ask_as(72, &second), Reply::Done);
+    // Under a new number, too: it is there.
+    assert_eq!(rig.ask_as(73, &first), Reply::Done);
+    let too_far = Request::Chunk { offset: 4 * MAX_CHUNK as u32, bytes: &new[..4] };
+    let refused = Reply::Refused(Refusal::Offset { expected: 2 * MAX_CHUNK as u32 });
+    assert_eq!(rig.ask_as(74, &too_far), refused);
+    assert_eq!(rig.ask_as(74, &too_far), refused);
+    for number in 2..new.len().div_ceil(MAX_CHUNK) {
+        rig.chunk(&new, number).unwrap();
+    }
+    assert_eq!(rig.ask_as(90, &Request::Commit), Reply::Done);
+    assert_eq!(rig.ask_as(90, &Request::Commit), Reply::Done);
+    assert_eq!(rig.ask_as(91, &Request::Commit), Reply::Refused(Refusal::NotBegun));
+    assert_eq!(rig.statistics().repeated, 3);
+    // A question is answered afresh, and its number then is the last one.
+    assert!(matches!(rig.ask_as(91, &Request::Identify), Reply::Identity(_)));
+    assert_eq!(rig.ask_as(91, &Request::RollBack), Reply::Done);
+    assert_eq!(rig.name(), "old");
+}
+
+#[test]
+fn what_cannot_be_is_refused_with_the_limit() {
+    let mut rig = Rig::power_up(factory(&small_blob("old")));
+    let reset = |rate_hz, gravity_m_s2| Request::Reset { session: 2, rate_hz, gravity_m_s2 };
+    assert_eq!(rig.order(&reset(49, 9.81)), Err(Refusal::Rate { least: 50, most: 20_000 }));
+    assert_eq!(rig.order(&reset(1_000, f32::NAN)), Err(Refusal::Gravity));
+    for bad in [f32::NAN, f32::INFINITY, -50.5] {
+        let refused = Err(Refusal::SetPoint { most_m_s: 50.0 });
+        assert_eq!(rig.order(&Request::SetPoint(Some(bad))), refused);
+    }
+    let room = 2048 - SEAL_LEN as u32;
+    let begin = |length| Request::Begin { length, crc32: 0 };
+    assert_eq!(rig.order(&begin(room + 1)), Err(Refusal::TooLong { room }));
+    assert_eq!(rig.order(&begin(u32::MAX)), Err(Refusal::TooLong { room }));
+    for request in [Request::Verify, Request::Commit, Request::Chunk { offset: 0, bytes: &[1] }] {
+        assert_eq!(rig.order(&request), Err(Refusal::NotBegun));
+    }
+    rig.order(&begin(room)).unwrap();
+    let at_0: [&[u8]; 3] = [&[], &[1, 2, 3], &[0; MAX_CHUNK + 4]];
+    for bytes in at_0 {
+        let refused = Err(Refusal::Offset { expected: 0 });
+        assert_eq!(rig.order(&Request::Chunk { offset: 0, bytes }), refused, "{}", bytes.len());
+    }
+    let empty = Err(Refusal::NothingToRollBackTo(SlotFault::Unfinished));
+    assert_eq!(rig.order(&Request::RollBack), empty);
+    assert_eq!(rig.name(), "old");
+}
+
+#[test]
+fn a_whole_policy_that_is_not_the_one_announced_is_refused() {
+    let (old, new) = (small_blob("old"), small_blob("new"));
+    let mut rig = Rig::power_up(factory(&old));
+    rig.order(&Request::Begin { length: new.len() as u32, crc32: 1 }).unwrap();
+    for number in 0..new.len().div_ceil(MAX_CHUNK) {
+        rig.chunk(&new, number).unwrap();
+    }
+    let wrong = Err(Refusal::WrongBlob { crc32: crc32_of(&new) });
+    assert_eq!((rig.order(&Request::Verify), rig.order(&Request::Commit)), (wrong, wrong));
+}
+
+#[test]
+fn without_a_policy_the_alarm_says_why_and_an_upload_flies_at_once() {
+    let blob = small_blob("only");
+    let mut spoilt = blob.clone();
+    spoilt[100] ^= 1;
+    let empty = MemoryFlash::with_slot_len(2048);
+    let mut rig = Rig::power_up(empty.clone().loaded(Slot::B, &spoilt));
+    let (a, b) = (SlotFault::Empty, SlotFault::Blob(BlobFault::Crc));
+    assert_eq!((rig.alarm, rig.running()), (Some(Alarm::NoPolicy { a, b }), None));
+    rig.order(&Request::SetMode(Mode::LockStep)).unwrap();
+    assert!(is_safe(&rig.tick()));
+    assert_eq!(rig.order(&Request::RollBack), Err(Refusal::NoPolicy));
+    rig.upload(&blob).unwrap();
+    assert_eq!(rig.name(), "only");
+    assert!(!is_safe(&rig.ticks(HOP_TICKS)));
+}
+
+#[test]
+fn of_two_factory_policies_a_runs_and_a_roll_back_runs_b() {
+    let [a, b] = ["a", "b"].map(small_blob);
+    let mut rig = Rig::power_up(factory(&a).loaded(Slot::B, &b));
+    assert_eq!(rig.name(), "a");
+    rig.order(&Request::RollBack).unwrap();
+    assert_eq!((rig.name(), rig.power_cycled().name()), ("b", "b"));
+    assert_eq!(rig.slots()[0].content, Err(SlotFault::RolledBack));
+}
+
+#[test]
+fn memory_that_starts_as_zeros_serves_as_erased() {
+    let mut image = vec![0; 2048];
+    let blob = small_blob("zeros");
+    image[..blob.len()].copy_from_slice(&blob);
+    let flash = MemoryFlash::with_slot_len(2048).loaded(Slot::B, &vec![0; 2048]);
+    let mut rig = Rig::power_up(flash.loaded(Slot::A, &image));
+    assert_eq!(rig.name(), "zeros");
+    assert_eq!(rig.slots()[1].content, Err(SlotFault::Empty));
+    rig.upload(&small_blob("ones")).unwrap();
+    assert_eq!(rig.power_cycled().name(), "ones");
+}
+
+/// Flash that stops the processor while it erases.
+#[derive(Clone)]
+struct Stalling(MemoryFlash);
+
+impl PolicyFlash for Stalling {
+    fn slot_len(&self) -> usize {
+        self.0.slot_len()
+    }
+    fn bytes(&self, slot: Slot) -> &'static [u8] {
+        self.0.bytes(slot)
+    }
+    fn erase(&mut self, slot: Slot) -> Result<(), leg_control::serial::slots::FlashFault> {
+        self.0.erase(slot)
+    }
+    fn program(
+        &mut self,
+        slot: Slot,
+        offset: u32,
+        word: u32,
+    ) -> Result<(), leg_control::serial::slots::FlashFault> {
+        self.0.program(slot, offset, word)
+    }
+    fn erase_stalls(&self) -> bool {
+        true
+    }
+}
+
+#[test]
+fn an_erase_that_stalls_is_refused_to_a_live_leg() {
+    let blob = small_blob("old");
+    let mut rig = Rig::power_up(Stalling(factory(&blob)));
+    rig.order(&Request::SetMode(Mode::Live)).unwrap();
+    assert_eq!(rig.begin(&blob), Err(Refusal::EraseWouldStall));
+    rig.order(&Request::SetMode(Mode::Idle)).unwrap();
+    assert_eq!(rig.begin(&blob), Ok(()));
+}
+
+#[test]
+fn a_reset_says_who_is_expected_and_a_reconnecting_host_can_ask() {
+    let mut rig = Rig::power_up(factory(&small_blob("old")));
+    let Reply::Identity(before) = rig.ask(&Request::Identify) else { panic!() };
+    assert_eq!((before.session, before.mode, before.board), (None, Mode::Idle, "rig"));
+    let reset = Request::Reset { session: 77, rate_hz: 500, gravity_m_s2: 1.62 };
+    rig.order(&reset).unwrap();
+    rig.order(&Request::SetMode(Mode::LockStep)).unwrap();
+    let Reply::Identity(after) = rig.ask(&Request::Identify) else { panic!() };
+    assert_eq!((after.session, after.mode), (Some(77), Mode::LockStep));
+    assert_eq!((after.rate_hz, after.gravity_m_s2), (500, 1.62));
+    assert_eq!((after.wire_version, after.policy), (WIRE_VERSION, rig.running()));
+}
+
+#[test]
+fn names_are_cut_at_a_character() {
+    assert_eq!(cut("short"), "short");
+    let long = "\u{1f9bf}".repeat(20);
+    assert_eq!(cut(&long).len(), MAX_NAME);
+    assert_eq!(cut(&format!("x{long}")).len(), MAX_NAME - 3);
+}
+
+/// What the station sends for these bytes.
+fn replies_to(
+    station: &mut Station<MemoryFlash>,
+    pilot: &LockedPilot,
+    bytes: &[u8],
+) -> Vec<Vec<u8>> {
+    let figures = || BoardFigures { lost_bytes: 3, ..BoardFigures::default() };
+    bytes.iter().filter_map(|&b| station.push(b, pilot, figures).map(<[u8]>::to_vec)).collect()
+}
+
+#[test]
+fn a_station_answers_bytes_with_frames() {
+    let pilot = LockedPilot::new(Pilot::new());
+    let mut station = Station::power_up(BOARD, MemoryFlash::with_slot_len(2048), &pilot);
+    let mut frame = [0; MAX_FRAME];
+    let mut receiver = Receiver::new();
+    let alarm = station.alarm().unwrap().to_vec();
+    let payload = alarm.iter().find_map(|&b| receiver.push(b).map(|r| r.unwrap().to_vec()));
+    let empty = Alarm::NoPolicy { a: SlotFault::Empty, b: SlotFault::Empty };
+    assert_eq!(decode(&payload.unwrap()), Ok(ToHost::Alarm(empty)));
+    assert!(station.alarm().is_none());
+
+    let sample = ToController::Sample { turn: 4, sample: super::rig::hopping(0) };
+    let mut bytes = b"noise".to_vec();
+    bytes.extend(encode(&sample, &mut frame).unwrap());
+    bytes.extend(encode(&0x7f_u8, &mut frame).unwrap());
+    let asked = ToController::Request { id: 6, request: Request::Statistics };
+    bytes.extend(encode(&asked, &mut frame).unwrap());
+    let sent = replies_to(&mut station, &pilot, &bytes);
+    assert_eq!(sent.len(), 2);
+    let mut payload_of = |frame: &[u8]| -> Vec<u8> {
+        frame.iter().find_map(|&b| receiver.push(b).map(|r| r.unwrap().to_vec())).unwrap()
+    };
+    let command = payload_of(&sent[0]);
+    let Ok(ToHost::Command { turn: 4, command }) = decode(&command) else { panic!() };
+    assert!(is_safe(&command));
+    let reply = payload_of(&sent[1]);
+    let Ok(ToHost::Reply { id: 6, reply: Reply::Statistics(found) }) = decode(&reply) else {
+        panic!()
+    };
+    assert_eq!((found.line.frames, found.line.unknown, found.line.resyncs), (3, 1, 1));
+    assert_eq!((found.line.malformed + found.line.crc_errors, found.lost_bytes), (1, 3));
+}

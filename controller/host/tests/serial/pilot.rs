@@ -1,0 +1,181 @@
+//! The pilot in its three modes.
+
+use crate::rig::{HOP_TICKS, Rig, factory, hopping, is_safe, small_blob};
+use leg_control::control::{Config, Controller};
+use leg_control::policy::Policy;
+use leg_control::serial::message::{Mode, Request};
+use leg_control::serial::pilot::{Pilot, SharedPilot};
+use leg_control::wire::{Command, Header, WIRE_VERSION, flags};
+use leg_host::flash::MemoryFlash;
+
+fn rig(mode: Mode) -> Rig<MemoryFlash> {
+    let mut rig = Rig::power_up(factory(&small_blob("one")));
+    rig.order(&Request::Reset { session: 1, rate_hz: 1_000, gravity_m_s2: 9.81 }).unwrap();
+    rig.order(&Request::SetMode(mode)).unwrap();
+    rig
+}
+
+/// The bits of a command, so that a NaN or a sign of zero would show.
+fn bits(command: &Command) -> [u32; 10] {
+    [
+        u32::from(command.header.flags),
+        command.leg_angle_rad.to_bits(),
+        command.elongation_m.to_bits(),
+        command.elongation_rate_m_s.to_bits(),
+        command.apex_vx_m_s.to_bits(),
+        command.apex_y_m.to_bits(),
+        command.density_ratio.to_bits(),
+        command.velocity_offset_m_s.to_bits(),
+        command.apexes,
+        command.rejected,
+    ]
+}
+
+fn bare_controller(blob: &[u8]) -> Controller<'static> {
+    let words: Vec<u32> =
+        blob.chunks(4).map(|b| u32::from_le_bytes(b.try_into().unwrap())).collect();
+    let policy = Policy::parse(bytemuck::cast_slice(Vec::leak(words))).unwrap();
+    Controller::new(policy, Config::at_rate(1_000).unwrap())
+}
+
+#[test]
+fn in_lock_step_each_new_turn_is_a_tick_with_the_bits_of_the_bare_controller() {
+    let mut rig = rig(Mode::LockStep);
+    let mut bare = bare_controller(&small_blob("one"));
+    for k in 0..1_000 {
+        // Bad samples among them, and the last turn again at times.
+        let mut sample = hopping(k);
+        match k % 97 {
+            13 => sample.vx_m_s = f32::NAN,
+            14 => sample.y_m = -3.0,
+            15 => sample.header.seq = 0,
+            _ => {}
+        }
+        let expected = bare.tick(Some(&sample));
+        let turn = k as u32;
+        for _ in 0..=u32::from(k % 10 == 0) {
+            let found = rig.pilot.with(|pilot| pilot.sample(turn, &sample)).unwrap();
+            assert_eq!((bits(&found), found.header), (bits(&expected), expected.header));
+        }
+    }
+    let statistics = rig.statistics();
+    assert_eq!((statistics.ticks, statistics.repeated), (1_000, 100));
+}
+
+#[test]
+fn idle_answers_safely_with_the_header_of_the_sample() {
+    let mut rig = rig(Mode::Idle);
+    let command = rig.ticks(HOP_TICKS);
+    assert!(is_safe(&command));
+    let header = hopping(HOP_TICKS - 1).header;
+    assert_eq!(command.header, Header { version: WIRE_VERSION, flags: flags::SAFE, ..header });
+    assert_eq!((command.leg_angle_rad, command.apexes), (core::f32::consts::FRAC_PI_2, 0));
+    assert_eq!(rig.statistics().ticks, 0);
+}
+
+#[test]
+fn without_a_policy_every_mode_is_safe() {
+    let mut pilot = Pilot::new();
+    for mode in [Mode::Idle, Mode::LockStep, Mode::Live] {
+        pilot.set_mode(mode);
+        for k in 0..2 * HOP_TICKS {
+            let sample = hopping(k);
+            let command = pilot.sample(k as u32, &sample).or_else(|| {
+                let (turn, command) = pilot.live_tick()?;
+                assert_eq!(turn, k as u32);
+                Some(command)
+            });
+            let command = command.unwrap();
+            assert!(is_safe(&command));
+            assert_eq!(command.header.seq, sample.header.seq);
+        }
+    }
+    // Live, and the samples have stopped.
+    let (turn, command) = pilot.live_tick().unwrap();
+    assert!(is_safe(&command));
+    assert_eq!(u64::from(turn), 2 * HOP_TICKS - 1);
+}
+
+#[test]
+fn live_the_newest_sample_counts_and_what_is_missed_is_counted() {
+    let mut rig = rig(Mode::Live);
+    let mut bare = bare_controller(&small_blob("one"));
+    assert_eq!(rig.pilot.with(Pilot::live_tick), None, "nothing to answer yet");
+    for k in 0..200_u64 {
+        let expected = if k % 50 == 49 {
+            bare.tick(None)
+        } else {
+            if k % 40 == 39 {
+                // One that a newer one overtakes.
+                let late = hopping(2 * k);
+                assert_eq!(rig.pilot.with(|pilot| pilot.sample(5_000, &late)), None);
+            }
+            let sample = hopping(2 * k + 1);
+            assert_eq!(rig.pilot.with(|pilot| pilot.sample(k as u32, &sample)), None);
+            bare.tick(Some(&sample))
+        };
+        let (turn, found) = rig.pilot.with(Pilot::live_tick).unwrap();
+        assert_eq!(u64::from(turn), if k % 50 == 49 { k - 1 } else { k });
+        assert_eq!(bits(&found), bits(&expected), "tick {k}");
+    }
+    // The last turn again, when it is answered already: the same answer.
+    let again = rig.pilot.with(|pilot| pilot.sample(198, &hopping(0)));
+    assert_eq!(again.map(|c| c.header.seq), Some(397));
+    let statistics = rig.statistics();
+    assert_eq!((statistics.ticks, statistics.missed), (200, 4));
+    assert_eq!((statistics.overwritten, statistics.repeated), (4, 1));
+}
+
+#[test]
+fn live_silence_ends_in_the_safe_command() {
+    let rig = rig(Mode::Live);
+    for k in 0..50 {
+        rig.pilot.with(|pilot| pilot.sample(k, &hopping(u64::from(k))));
+        rig.pilot.with(Pilot::live_tick);
+    }
+    let silent: Vec<bool> =
+        (0..12).map(|_| is_safe(&rig.pilot.with(Pilot::live_tick).unwrap().1)).collect();
+    let first_safe = silent.iter().position(|&safe| safe);
+    assert_eq!(first_safe, Some(9), "{silent:?}");
+}
+
+#[test]
+fn a_set_point_of_the_host_goes_before_that_of_the_samples() {
+    let offset_with = |set_point| {
+        let mut rig = rig(Mode::LockStep);
+        rig.order(&Request::SetPoint(set_point)).unwrap();
+        rig.ticks(HOP_TICKS + 2).velocity_offset_m_s
+    };
+    assert!(offset_with(Some(1.5)) > offset_with(None));
+    assert_eq!(offset_with(Some(0.5)).to_bits(), offset_with(None).to_bits());
+}
+
+#[test]
+fn a_reset_is_as_good_as_a_power_up() {
+    let run = |rig: &mut Rig<MemoryFlash>| -> Vec<[u32; 10]> {
+        rig.order(&Request::Reset { session: 9, rate_hz: 1_000, gravity_m_s2: 3.7 }).unwrap();
+        rig.order(&Request::SetMode(Mode::LockStep)).unwrap();
+        let ticks = 0..3 * HOP_TICKS;
+        let commands =
+            ticks.map(|k| rig.pilot.with(|pilot| pilot.sample(k as u32, &hopping(k)).unwrap()));
+        commands.map(|command| bits(&command)).collect()
+    };
+    let mut fresh = rig(Mode::Idle);
+    let mut used = rig(Mode::LockStep);
+    used.ticks(5 * HOP_TICKS / 2);
+    used.order(&Request::SetPoint(Some(2.0))).unwrap();
+    assert_eq!(run(&mut fresh), run(&mut used));
+    let statistics = used.statistics();
+    assert_eq!((u64::from(statistics.ticks), statistics.swaps), (3 * HOP_TICKS, 0));
+}
+
+#[test]
+fn a_policy_that_waits_is_in_at_once_when_the_leg_goes_idle() {
+    let mut rig = rig(Mode::LockStep);
+    rig.ticks(HOP_TICKS / 4);
+    rig.upload(&small_blob("two")).unwrap();
+    assert!(rig.pilot.with(|pilot| pilot.swap_is_pending()));
+    rig.order(&Request::SetMode(Mode::Idle)).unwrap();
+    assert_eq!(rig.name(), "two");
+    assert_eq!(rig.statistics().swaps, 1);
+}

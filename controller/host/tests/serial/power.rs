@@ -1,0 +1,179 @@
+//! Power that goes between any two operations of the flash, or within an erase.
+
+use std::cell::Cell;
+use std::rc::Rc;
+
+use crate::rig::{Rig, factory, small_blob};
+use leg_control::serial::message::{Refusal, Request, Slot};
+use leg_control::serial::slots::{FlashFault, PolicyFlash, SEAL_LEN};
+use leg_host::flash::MemoryFlash;
+
+/// Flash whose power goes after so many operations: nothing is done from there
+/// on. It knows which slots were erased.
+#[derive(Clone)]
+struct Failing {
+    memory: MemoryFlash,
+    left: Rc<Cell<u32>>,
+    erased: Rc<Cell<[u32; 2]>>,
+    /// What the power's end leaves of an erase under way.
+    half_erase: HalfErase,
+}
+
+/// Which part of a slot an erase that is cut short has done.
+#[derive(Clone, Copy, PartialEq)]
+enum HalfErase {
+    Nothing,
+    Blob,
+    Seal,
+}
+
+impl Failing {
+    fn new(memory: MemoryFlash, operations: u32, half_erase: HalfErase) -> Self {
+        let left = Rc::new(Cell::new(operations));
+        Self { memory, left, erased: Rc::default(), half_erase }
+    }
+
+    fn powered(&self) -> bool {
+        let left = self.left.get();
+        self.left.set(left.saturating_sub(1));
+        left > 0
+    }
+
+    /// The slot with one part erased.
+    fn half_erased(&mut self, slot: Slot) {
+        let mut image = self.memory.bytes(slot).to_vec();
+        let seal_at = image.len() - SEAL_LEN;
+        match self.half_erase {
+            HalfErase::Nothing => {}
+            HalfErase::Blob => image[..seal_at].fill(0xff),
+            HalfErase::Seal => image[seal_at..].fill(0xff),
+        }
+        self.memory = self.memory.clone().loaded(slot, &image);
+    }
+}
+
+impl PolicyFlash for Failing {
+    fn slot_len(&self) -> usize {
+        self.memory.slot_len()
+    }
+
+    fn bytes(&self, slot: Slot) -> &'static [u8] {
+        self.memory.bytes(slot)
+    }
+
+    fn erase(&mut self, slot: Slot) -> Result<(), FlashFault> {
+        if self.left.get() == 1 && self.half_erase != HalfErase::Nothing {
+            self.half_erased(slot);
+        }
+        if !self.powered() || (self.left.get() == 0 && self.half_erase != HalfErase::Nothing) {
+            return Err(FlashFault);
+        }
+        let mut erased = self.erased.get();
+        erased[slot as usize] += 1;
+        self.erased.set(erased);
+        self.memory.erase(slot)
+    }
+
+    fn program(&mut self, slot: Slot, offset: u32, word: u32) -> Result<(), FlashFault> {
+        if self.powered() { self.memory.program(slot, offset, word) } else { Err(FlashFault) }
+    }
+
+    fn erase_stalls(&self) -> bool {
+        false
+    }
+}
+
+/// A board with `second` in B, committed over `first` in A.
+fn second_generation() -> MemoryFlash {
+    let mut rig = Rig::power_up(factory(&small_blob("first")));
+    rig.upload(&small_blob("second")).unwrap();
+    rig.desk.flash().clone()
+}
+
+#[test]
+fn power_cut_between_any_two_operations_of_an_upload_leaves_a_policy_to_run() {
+    let new = small_blob("third");
+    for half_erase in [HalfErase::Nothing, HalfErase::Blob, HalfErase::Seal] {
+        for operations in 0.. {
+            let flash = Failing::new(second_generation(), operations, half_erase);
+            let mut rig = Rig::power_up(flash);
+            let uploaded = rig.upload(&new);
+            let runs = if uploaded.is_ok() { "third" } else { "second" };
+            assert_eq!(rig.name(), runs);
+            // The last word may be there although nobody heard so: either is whole.
+            assert_eq!(rig.power_cycled().name(), runs, "after {operations} operations");
+            match uploaded {
+                Ok(()) => {
+                    assert_eq!(rig.desk.flash().left.get(), 0);
+                    assert!(operations as usize > new.len() / 4);
+                    break;
+                }
+                Err(refusal) => {
+                    assert!(matches!(refusal, Refusal::Flash | Refusal::NotBegun), "{refusal:?}");
+                }
+            }
+        }
+    }
+}
+
+/// Found in thought: the seal erased and the blob not yet, a policy that was
+/// rolled back looked like one from the factory, and A's wins a tie.
+#[test]
+fn a_policy_rolled_back_does_not_return_when_its_erase_is_cut_short() {
+    for operations in 0..4 {
+        let [a, b] = ["bad", "good"].map(small_blob);
+        let mut rig = Rig::power_up(factory(&a).loaded(Slot::B, &b));
+        rig.order(&Request::RollBack).unwrap();
+        assert_eq!(rig.name(), "good");
+        let flash = Failing::new(rig.desk.flash().clone(), operations, HalfErase::Seal);
+        let mut rig = Rig::power_up(flash);
+        let _ = rig.begin(&a);
+        assert_eq!(rig.power_cycled().name(), "good", "after {operations} operations");
+    }
+}
+
+#[test]
+fn power_cut_around_a_roll_back_leaves_the_one_or_the_other() {
+    for operations in 0..=1 {
+        let flash = Failing::new(second_generation(), operations, HalfErase::Nothing);
+        let mut rig = Rig::power_up(flash);
+        let rolled_back = rig.order(&Request::RollBack).is_ok();
+        assert_eq!(rolled_back, operations == 1);
+        let runs = if rolled_back { "first" } else { "second" };
+        assert_eq!((rig.name(), rig.power_cycled().name()), (runs, runs));
+    }
+}
+
+#[test]
+fn flash_that_fails_ends_the_upload_and_nothing_else() {
+    let new = small_blob("third");
+    let flash = Failing::new(second_generation(), 40, HalfErase::Nothing);
+    let mut rig = Rig::power_up(flash);
+    rig.begin(&new).unwrap();
+    assert_eq!(rig.chunk(&new, 0), Err(Refusal::Flash));
+    assert_eq!(rig.chunk(&new, 0), Err(Refusal::NotBegun));
+    rig.desk.flash().left.set(u32::MAX);
+    rig.upload(&new).unwrap();
+    assert_eq!(rig.name(), "third");
+}
+
+#[test]
+fn the_slot_of_a_policy_that_runs_or_waits_is_never_erased() {
+    let flash = Failing::new(factory(&small_blob("first")), u32::MAX, HalfErase::Nothing);
+    let mut rig = Rig::power_up(flash);
+    rig.hop();
+    let mut expected = [0, 0];
+    for round in 0..10 {
+        let idle = rig.running().unwrap().slot.other();
+        rig.upload(&small_blob(["even", "odd"][round % 2])).unwrap();
+        expected[idle as usize] += 1;
+        assert_eq!(rig.desk.flash().erased.get(), expected);
+        // It waits: both slots are taken.
+        for request in [Request::Begin { length: 64, crc32: 0 }, Request::RollBack] {
+            assert_eq!(rig.order(&request), Err(Refusal::SwapPending));
+        }
+        assert_eq!(rig.desk.flash().erased.get(), expected);
+        rig.ticks(super::rig::HOP_TICKS);
+        assert_eq!(rig.running().unwrap().slot, idle);
+    }
+}

@@ -1,0 +1,197 @@
+//! Stopping in one step: the actions that do it, by the paper's pattern search
+//! and by a finer search that misses little.
+
+use leg_plant::{Action, Apex, Hopper};
+use serde::{Deserialize, Serialize};
+
+use super::landscape::{Plane, bounds};
+use trainer::environment::LOWEST_APEX_M;
+
+/// A step that leaves less speed than this is a stop, m/s.
+pub(crate) const STOP_M_S: f64 = 0.01;
+/// Where the pattern search gives up, in parts of the plane.
+const FINEST: f64 = 1e-6;
+/// Bisections of a bracket: to 1e-8 rad.
+const BISECTIONS: usize = 20;
+/// Angles tried at one elongation speed.
+const ANGLES: usize = 200;
+
+/// An action and the speed that it leaves; infinite where it ends in a fall or
+/// in an apex below 1 m, after which no other step follows.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Tried {
+    /// Touchdown angle, rad.
+    pub(crate) alpha_rad: f64,
+    /// Elongation speed, m/s.
+    pub(crate) rs_m_s: f64,
+    /// What is left of the speed, m/s.
+    pub(crate) speed_m_s: f64,
+}
+
+/// One step from an apex.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Step {
+    /// The leg in its medium.
+    pub(crate) hopper: Hopper,
+    /// Where it starts.
+    pub(crate) start: Apex,
+}
+
+impl Step {
+    /// The velocity at the next apex, if that is one to go on from.
+    pub(crate) fn velocity(&self, alpha_rad: f64, rs_m_s: f64) -> Option<f64> {
+        let next = self.hopper.hop(self.start, Action { alpha_rad, rs_m_s }).outcome.next()?;
+        (next.y_m >= LOWEST_APEX_M).then_some(next.vx_m_s)
+    }
+
+    pub(crate) fn tried(&self, alpha_rad: f64, rs_m_s: f64) -> Tried {
+        let speed_m_s = self.velocity(alpha_rad, rs_m_s).map_or(f64::INFINITY, f64::abs);
+        Tried { alpha_rad, rs_m_s, speed_m_s }
+    }
+
+    /// Pattern search: from a place in the plane, 0 to 1 on both axes, a step
+    /// that doubles after each success and halves after each failure.
+    pub(crate) fn pattern_search(&self, from: [f64; 2], mut mesh: f64) -> Tried {
+        let [alpha, rs] = bounds();
+        let at = |[a, s]: [f64; 2]| {
+            let along = |part: f64, low: f64, high: f64| low + part * (high - low);
+            self.tried(along(a, alpha.start, alpha.end), along(s, rs.start, rs.end))
+        };
+        let (mut place, mut best) = (from, at(from));
+        while mesh > FINEST {
+            let polls = [[mesh, 0.0], [-mesh, 0.0], [0.0, mesh], [0.0, -mesh]];
+            let better = polls.iter().find_map(|step| {
+                let there = [0, 1].map(|i| (place[i] + step[i]).clamp(0.0, 1.0));
+                let tried = at(there);
+                (tried.speed_m_s < best.speed_m_s).then_some((there, tried))
+            });
+            if let Some((there, tried)) = better {
+                (place, best) = (there, tried);
+                mesh = (2.0 * mesh).min(0.5);
+            } else {
+                mesh /= 2.0;
+            }
+        }
+        best
+    }
+
+    /// The angles that stop at one elongation speed: wherever the velocity
+    /// changes its sign between neighbouring angles, by bisection.
+    pub(crate) fn stops_at(&self, rs_m_s: f64) -> Vec<Tried> {
+        let [range, _] = bounds();
+        let angle = |i: usize| range.start + i as f64 / ANGLES as f64 * (range.end - range.start);
+        let tried: Vec<Option<f64>> =
+            (0..=ANGLES).map(|i| self.velocity(angle(i), rs_m_s)).collect();
+        let brackets = tried.windows(2).enumerate().filter_map(|(i, pair)| match pair {
+            [Some(a), Some(b)] if (*a < 0.0) != (*b < 0.0) => Some((i, *a)),
+            _ => None,
+        });
+        let roots = brackets.map(|(i, at_low)| {
+            let (mut low, mut high) = (angle(i), angle(i + 1));
+            for _ in 0..BISECTIONS {
+                let middle = f64::midpoint(low, high);
+                let same =
+                    self.velocity(middle, rs_m_s).is_some_and(|v| (v < 0.0) == (at_low < 0.0));
+                if same { low = middle } else { high = middle }
+            }
+            let [a, b] = [low, high].map(|alpha_rad| self.tried(alpha_rad, rs_m_s));
+            if b.speed_m_s < a.speed_m_s { b } else { a }
+        });
+        // Where the velocity jumps over 0, nothing stops.
+        roots.filter(|tried| tried.speed_m_s < STOP_M_S).collect()
+    }
+
+    /// The actions that are best: all stops on a grid of elongation speeds; or,
+    /// where none stops, the one that leaves the least speed, found by pattern
+    /// search from the best cells of a grid. Empty where every action falls.
+    pub(crate) fn best(&self, grid: Plane) -> Vec<Tried> {
+        let [_, rs] = bounds();
+        let last = (grid.speeds - 1) as f64;
+        let speed = |i: usize| rs.start + i as f64 / last * (rs.end - rs.start);
+        let stops: Vec<Tried> = (0..grid.speeds).flat_map(|i| self.stops_at(speed(i))).collect();
+        if !stops.is_empty() {
+            return stops;
+        }
+        let [alpha, rs] = bounds();
+        let mut cells: Vec<Tried> =
+            grid.actions().map(|action| self.tried(action.alpha_rad, action.rs_m_s)).collect();
+        cells.sort_by(|a, b| a.speed_m_s.total_cmp(&b.speed_m_s));
+        let refined = cells.iter().take(8).filter(|cell| cell.speed_m_s.is_finite()).map(|cell| {
+            let from = [
+                (cell.alpha_rad - alpha.start) / (alpha.end - alpha.start),
+                (cell.rs_m_s - rs.start) / (rs.end - rs.start),
+            ];
+            self.pattern_search(from, 1.0 / grid.angles as f64)
+        });
+        refined.min_by(|a, b| a.speed_m_s.total_cmp(&b.speed_m_s)).into_iter().collect()
+    }
+}
+
+/// How far an action lies from the nearest of a set, in parts of the plane:
+/// 1 is from end to end of an axis. NaN where the set is empty.
+pub(crate) fn distance(alpha_rad: f64, rs_m_s: f64, set: &[Tried]) -> f64 {
+    let [alpha, rs] = bounds();
+    let each = set.iter().map(|best| {
+        let across = (alpha_rad - best.alpha_rad) / (alpha.end - alpha.start);
+        across.hypot((rs_m_s - best.rs_m_s) / (rs.end - rs.start))
+    });
+    each.fold(f64::NAN, f64::min)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::FRAC_PI_2;
+
+    use super::*;
+    use crate::study::landscape::hopper;
+
+    fn step(density: f64, vx_m_s: f64, y_m: f64) -> Step {
+        Step { hopper: hopper(density), start: Apex { vx_m_s, y_m } }
+    }
+
+    const GRID: Plane = Plane { angles: 40, speeds: 5 };
+
+    #[test]
+    fn from_rest_the_upright_leg_stops_and_both_searches_find_it() {
+        for density in [0.0, 1.0] {
+            let step = step(density, 0.0, 1.5);
+            let stops = step.best(GRID);
+            assert!(stops.iter().all(|stop| stop.speed_m_s < STOP_M_S));
+            let upright = stops.iter().any(|stop| (stop.alpha_rad - FRAC_PI_2).abs() < 1e-5);
+            assert!(upright, "{stops:?}");
+            let found = step.pattern_search([0.45, 0.5], 0.25);
+            assert!(found.speed_m_s < STOP_M_S, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn a_stop_stops_when_it_is_stepped_and_its_neighbours_do_not() {
+        let step = step(0.0, 1.0, 2.0);
+        let stops = step.stops_at(0.0);
+        assert!(!stops.is_empty());
+        for stop in &stops {
+            let again = step.tried(stop.alpha_rad, stop.rs_m_s);
+            assert_eq!(again, *stop);
+            assert!(step.tried(stop.alpha_rad + 0.05, 0.0).speed_m_s > STOP_M_S);
+        }
+        // The foot comes down ahead of the mass to brake it.
+        assert!(stops.iter().any(|stop| stop.alpha_rad > FRAC_PI_2));
+    }
+
+    #[test]
+    fn where_nothing_stands_there_is_no_best_action() {
+        // In air, at 1 km/s from 1 m: the leg catches nothing that goes up again.
+        let hopeless = step(0.0, 1e3, 1.0);
+        assert!(hopeless.best(GRID).is_empty());
+        assert!(distance(1.0, 1.0, &[]).is_nan());
+    }
+
+    #[test]
+    fn distances_are_in_parts_of_the_plane() {
+        let [alpha, rs] = bounds();
+        let corner = Tried { alpha_rad: alpha.start, rs_m_s: rs.start, speed_m_s: 0.0 };
+        assert!((distance(alpha.end, rs.start, &[corner]) - 1.0).abs() < 1e-12);
+        let other = Tried { rs_m_s: rs.end, ..corner };
+        assert!((distance(alpha.start, 0.75 * rs.end, &[corner, other]) - 0.25).abs() < 1e-12);
+    }
+}
