@@ -180,7 +180,7 @@ impl<'a> Controller<'a> {
         &self.policy
     }
 
-    /// What the guard has rejected since the epoch's start.
+    /// What the guard has rejected since the run's start.
     #[must_use]
     pub fn counts(&self) -> &Counts {
         self.guard.counts()
@@ -328,7 +328,7 @@ mod tests {
             header: Header {
                 version: WIRE_VERSION,
                 flags: flags::CONTACT_SENSED,
-                epoch: 3,
+                run_id: 3,
                 seq,
                 t_ns: seq * 1_000_000,
             },
@@ -408,10 +408,10 @@ mod tests {
 
     fn any_sample() -> impl Strategy<Value = Option<Sample>> {
         let header = (0_u16..3, any::<u16>(), 0_u32..3, 0_u64..200, 0_u64..200).prop_map(
-            |(version, flags, epoch, seq, tick)| Header {
+            |(version, flags, run_id, seq, tick)| Header {
                 version,
                 flags,
-                epoch,
+                run_id,
                 seq,
                 t_ns: tick * 1_000_000,
             },

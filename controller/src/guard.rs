@@ -5,7 +5,7 @@
 //! One bad tick is bridged by continuing the last command ([`Verdict::Coast`]);
 //! after [`Limits::safe_after_ticks`] in a row the leg gets the safe command
 //! ([`Verdict::Safe`]) until [`Limits::recover_after_ticks`] good samples have
-//! come in a row. In the safe state the guard forgets where the run was, epoch
+//! come in a row. In the safe state the guard forgets where the run was, run id
 //! included, so that no single corrupt number can lock the true ones out.
 
 use crate::wire::{Header, Sample, WIRE_VERSION, flags};
@@ -62,7 +62,7 @@ pub enum Reject {
     /// Neither contact nor leg length is sensed.
     NoContactSense,
     /// It belongs to an earlier run.
-    OldEpoch,
+    OldRun,
     /// The same tick again.
     Stale,
     /// A tick, or a time, before the last one.
@@ -71,7 +71,7 @@ pub enum Reject {
     Gap,
 }
 
-/// Rejected ticks by kind, since the epoch's start.
+/// Rejected ticks by kind, since the run's start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// [`Reject::Missing`].
@@ -84,8 +84,8 @@ pub struct Counts {
     pub out_of_range: u32,
     /// [`Reject::NoContactSense`].
     pub no_contact_sense: u32,
-    /// [`Reject::OldEpoch`].
-    pub old_epoch: u32,
+    /// [`Reject::OldRun`].
+    pub old_run: u32,
     /// [`Reject::Stale`].
     pub stale: u32,
     /// [`Reject::OutOfOrder`].
@@ -104,7 +104,7 @@ impl Counts {
             Reject::NonFinite => &mut self.non_finite,
             Reject::OutOfRange => &mut self.out_of_range,
             Reject::NoContactSense => &mut self.no_contact_sense,
-            Reject::OldEpoch => &mut self.old_epoch,
+            Reject::OldRun => &mut self.old_run,
             Reject::Stale => &mut self.stale,
             Reject::OutOfOrder => &mut self.out_of_order,
             Reject::Gap => &mut self.gap,
@@ -121,7 +121,7 @@ impl Counts {
             self.non_finite,
             self.out_of_range,
             self.no_contact_sense,
-            self.old_epoch,
+            self.old_run,
             self.stale,
             self.out_of_order,
             self.gap,
@@ -139,7 +139,7 @@ impl Counts {
             ("non-finite", self.non_finite),
             ("out of range", self.out_of_range),
             ("no contact sense", self.no_contact_sense),
-            ("old epoch", self.old_epoch),
+            ("old run", self.old_run),
             ("stale", self.stale),
             ("out of order", self.out_of_order),
             ("gap", self.gap),
@@ -192,7 +192,7 @@ pub struct Guard {
     /// The last good sample; forgotten in the safe state.
     last: Option<Header>,
     /// Of the last good sample ever: whose counts these are.
-    epoch: Option<u32>,
+    run_id: Option<u32>,
     counts: Counts,
 }
 
@@ -201,7 +201,7 @@ impl Guard {
     #[must_use]
     pub fn new(limits: Limits) -> Self {
         let state = State::Safe { good_ticks: limits.recover_after_ticks.saturating_sub(1) };
-        Self { limits, state, last: None, epoch: None, counts: Counts::default() }
+        Self { limits, state, last: None, run_id: None, counts: Counts::default() }
     }
 
     /// What was rejected so far.
@@ -220,9 +220,9 @@ impl Guard {
 
     fn accept(&mut self, sample: Sample) -> Verdict {
         self.last = Some(sample.header);
-        let epoch = self.epoch.replace(sample.header.epoch);
-        let new_epoch = epoch.is_some_and(|epoch| epoch != sample.header.epoch);
-        if new_epoch {
+        let run_id = self.run_id.replace(sample.header.run_id);
+        let new_run = run_id.is_some_and(|run_id| run_id != sample.header.run_id);
+        if new_run {
             self.counts = Counts::default();
         }
         match self.state {
@@ -230,7 +230,7 @@ impl Guard {
                 self.state = State::Safe { good_ticks: good_ticks + 1 };
                 Verdict::Safe
             }
-            State::Running { .. } if !new_epoch => {
+            State::Running { .. } if !new_run => {
                 self.state = State::Running { bad_ticks: 0 };
                 Verdict::Use(Trusted(sample))
             }
@@ -296,10 +296,10 @@ impl Guard {
 
     fn check_order(&self, header: &Header) -> Result<(), Reject> {
         let Some(last) = self.last else { return Ok(()) };
-        if header.epoch != last.epoch {
-            // Epochs only rise; half the range counts as the past, so that they may wrap.
-            let newer = header.epoch.wrapping_sub(last.epoch) < u32::MAX / 2;
-            return if newer { Ok(()) } else { Err(Reject::OldEpoch) };
+        if header.run_id != last.run_id {
+            // run ids only rise; half the range counts as the past, so that they may wrap.
+            let newer = header.run_id.wrapping_sub(last.run_id) < u32::MAX / 2;
+            return if newer { Ok(()) } else { Err(Reject::OldRun) };
         }
         if header.seq == last.seq {
             return Err(Reject::Stale);
@@ -324,7 +324,7 @@ mod tests {
             header: Header {
                 version: WIRE_VERSION,
                 flags: flags::CONTACT_SENSED,
-                epoch: 1,
+                run_id: 1,
                 seq,
                 t_ns: seq * 1_000_000,
             },
@@ -356,7 +356,7 @@ mod tests {
         assert_eq!(rejected_as(|s| s.y_m = -0.5), "out of range");
         assert_eq!(rejected_as(|s| s.vy_m_s = 51.0), "out of range");
         assert_eq!(rejected_as(|s| s.header.flags = 0), "no contact sense");
-        assert_eq!(rejected_as(|s| s.header.epoch = 0), "old epoch");
+        assert_eq!(rejected_as(|s| s.header.run_id = 0), "old run");
         assert_eq!(rejected_as(|s| s.header.seq = 100), "stale");
         assert_eq!(rejected_as(|s| s.header.seq = 99), "out of order");
         assert_eq!(rejected_as(|s| s.header.t_ns = 5), "out of order");
@@ -404,7 +404,7 @@ mod tests {
         let mut guard = running();
         guard.judge(None);
         let mut new = sample(0);
-        new.header.epoch = 2;
+        new.header.run_id = 2;
         assert!(matches!(guard.judge(Some(&new)), Verdict::Restart(_)));
         assert_eq!(guard.counts().rejected(), 0);
     }
@@ -415,18 +415,18 @@ mod tests {
         for _ in 0..20 {
             guard.judge(None);
         }
-        let of_epoch = |epoch, seq| {
+        let of_run = |run id, seq| {
             let mut new = sample(seq);
-            new.header.epoch = epoch;
+            new.header.run_id = run_id;
             new
         };
-        assert_eq!(guard.judge(Some(&of_epoch(2, 0))), Verdict::Safe);
+        assert_eq!(guard.judge(Some(&of_run(2, 0))), Verdict::Safe);
         assert_eq!(guard.counts().rejected(), 0);
-        assert_eq!(guard.judge(Some(&of_epoch(2, 1))), Verdict::Safe);
-        assert!(matches!(guard.judge(Some(&of_epoch(2, 2))), Verdict::Restart(_)));
+        assert_eq!(guard.judge(Some(&of_run(2, 1))), Verdict::Safe);
+        assert!(matches!(guard.judge(Some(&of_run(2, 2))), Verdict::Restart(_)));
         // Now that it runs again, the run before is the past.
-        assert_eq!(guard.judge(Some(&of_epoch(1, 3))), Verdict::Coast);
-        assert_eq!(guard.counts().old_epoch, 1);
+        assert_eq!(guard.judge(Some(&of_run(1, 3))), Verdict::Coast);
+        assert_eq!(guard.counts().old_run, 1);
     }
 
     proptest! {
@@ -434,7 +434,7 @@ mod tests {
         fn what_is_used_is_finite_and_in_range(figures in prop::collection::vec(any::<u32>(), 6),
             flags in any::<u16>(), seq in any::<u64>(), t_ns in any::<u64>()) {
             let f = |i: usize| f32::from_bits(figures[i]);
-            let header = Header { version: WIRE_VERSION, flags, epoch: 1, seq, t_ns };
+            let header = Header { version: WIRE_VERSION, flags, run_id: 1, seq, t_ns };
             let any = Sample { header, set_point_m_s: f(0), vx_m_s: f(1), y_m: f(2), vy_m_s: f(3),
                 leg_length_m: f(4), density_ratio: f(5) };
             let mut guard = Guard::new(Limits::default());

@@ -27,7 +27,7 @@
 //!     header: Header {
 //!         version: WIRE_VERSION,
 //!         flags: flags::CONTACT_SENSED, // and IN_CONTACT while the foot is loaded
-//!         epoch: 1,
+//!         run_id: 1,
 //!         seq: 0,
 //!         t_ns: 0,
 //!     },

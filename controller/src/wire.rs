@@ -35,7 +35,7 @@ pub struct Header {
     /// Bits of [`flags`].
     pub flags: u16,
     /// Raised by the leg at each reset: a reply to an earlier run is never taken.
-    pub epoch: u32,
+    pub run_id: u32,
     /// Tick number, from 0. A command carries the number of its sample.
     pub seq: u64,
     /// Time of the sample since the run's start, ns.
@@ -46,7 +46,7 @@ pub struct Header {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Sample {
-    /// Version, flags, epoch, tick and time.
+    /// Version, flags, run id, tick and time.
     pub header: Header,
     /// Wanted mean horizontal velocity, m/s.
     pub set_point_m_s: f32,
@@ -80,7 +80,7 @@ impl Sample {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Command {
-    /// Version, flags, epoch, and the tick and time of the answered sample.
+    /// Version, flags, run id, and the tick and time of the answered sample.
     pub header: Header,
     /// Leg angle from the +x axis, rad; the foot is ahead of the mass above pi/2.
     pub leg_angle_rad: f32,
@@ -96,9 +96,9 @@ pub struct Command {
     pub density_ratio: f32,
     /// Telemetry: the cascade's offset of the observed velocity, m/s.
     pub velocity_offset_m_s: f32,
-    /// Telemetry: apexes since the epoch's start.
+    /// Telemetry: apexes since the run's start.
     pub apexes: u32,
-    /// Telemetry: samples rejected by the guard since the epoch's start.
+    /// Telemetry: samples rejected by the guard since the run's start.
     pub rejected: u32,
     /// Always 0.
     pub reserved: u32,

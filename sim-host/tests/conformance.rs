@@ -37,7 +37,7 @@ fn sample(seq: u64) -> Sample {
         header: Header {
             version: WIRE_VERSION,
             flags: flags::CONTACT_SENSED,
-            epoch: 7,
+            run_id: 7,
             seq,
             t_ns: seq * 1_000_000,
         },

@@ -35,7 +35,7 @@ impl Play {
             header: Header {
                 version: WIRE_VERSION,
                 flags: self.senses | contact,
-                epoch: 1,
+                run_id: 1,
                 seq,
                 t_ns: seq * 1_000_000_000 / u64::from(self.rate_hz),
             },

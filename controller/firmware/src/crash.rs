@@ -18,14 +18,14 @@ const PANIC: u8 = 101;
 /// Exit status of the emulator after a fault of the processor.
 const HARD_FAULT: u8 = 102;
 
-/// Of the last command: its turn, the epoch, and tick and time, low and high
+/// Of the last command: its turn, the run id, and tick and time, low and high
 /// half each. Words, for a crash may come between any two of them.
 static LAST: [AtomicU32; 6] = [const { AtomicU32::new(0) }; 6];
 
 /// Puts aside what a safe command needs to be taken by the host.
 pub(crate) fn remember(turn: u32, command: &Command) {
-    let Header { epoch, seq, t_ns, .. } = command.header;
-    let words = [turn, epoch, seq as u32, (seq >> 32) as u32, t_ns as u32, (t_ns >> 32) as u32];
+    let Header { run id, seq, t_ns, .. } = command.header;
+    let words = [turn, run id, seq as u32, (seq >> 32) as u32, t_ns as u32, (t_ns >> 32) as u32];
     for (place, word) in LAST.iter().zip(words) {
         place.store(word, Ordering::Relaxed);
     }
@@ -34,11 +34,11 @@ pub(crate) fn remember(turn: u32, command: &Command) {
 /// The panic handler's, and the fault handler's, last act.
 fn break_off(crash: Crash, status: u8) -> ! {
     cortex_m::interrupt::disable();
-    let [turn, epoch, seq, seq_high, t_ns, t_ns_high] =
+    let [turn, run id, seq, seq_high, t_ns, t_ns_high] =
         LAST.each_ref().map(|word| word.load(Ordering::Relaxed));
     let whole = |high, low| u64::from(high) << 32 | u64::from(low);
     let command = safe_command(&Header {
-        epoch,
+        run_id,
         seq: whole(seq_high, seq),
         t_ns: whole(t_ns_high, t_ns),
         ..Header::default()

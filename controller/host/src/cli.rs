@@ -187,9 +187,9 @@ pub struct Summary {
     pub policy: String,
     /// Samples answered.
     pub ticks: u64,
-    /// Apexes in the last epoch.
+    /// Apexes in the last run.
     pub apexes: u32,
-    /// What the guard rejected in the last epoch.
+    /// What the guard rejected in the last run.
     pub counts: Counts,
     /// The figures of the loop, in real time.
     pub real_time: Option<LoopReport>,

@@ -41,7 +41,7 @@ pub(super) struct Taken {
 #[derive(Debug, Default)]
 pub(super) struct Board {
     ticks: AtomicU64,
-    epoch: AtomicU32,
+    run_id: AtomicU32,
     seq: AtomicU64,
     is_safe: AtomicBool,
     apexes: AtomicU32,
@@ -52,7 +52,7 @@ pub(super) struct Board {
     /// The order in force; 0 is the policy that the process began with.
     in_force: AtomicU64,
     since_ns: AtomicU64,
-    since_epoch: AtomicU32,
+    since_run_id: AtomicU32,
     since_seq: AtomicU64,
     /// Whether a sample has been answered under it.
     since_is_known: AtomicBool,
@@ -74,10 +74,12 @@ pub(super) struct Reading {
 impl Board {
     pub(super) fn read(&self) -> Reading {
         let ticks = self.ticks.load(Ordering::Acquire);
-        let last = Moment { epoch: load(&self.epoch), seq: self.seq.load(Ordering::Relaxed) };
+        let last = Moment { run_id: load(&self.run_id), seq: self.seq.load(Ordering::Relaxed) };
         let in_force = self.in_force.load(Ordering::Acquire);
-        let since =
-            Moment { epoch: load(&self.since_epoch), seq: self.since_seq.load(Ordering::Relaxed) };
+        let since = Moment {
+            run_id: load(&self.since_run_id),
+            seq: self.since_seq.load(Ordering::Relaxed),
+        };
         Reading {
             ticks,
             last: (ticks > 0).then_some(last),
@@ -181,10 +183,10 @@ impl Operated {
     }
 
     fn note(&mut self, sample: &Sample) {
-        let at = Moment { epoch: sample.header.epoch, seq: sample.header.seq };
+        let at = Moment { run_id: sample.header.run_id, seq: sample.header.seq };
         self.ticks += 1;
         let board = &*self.board;
-        board.epoch.store(at.epoch, Ordering::Relaxed);
+        board.run_id.store(at.run_id, Ordering::Relaxed);
         board.seq.store(at.seq, Ordering::Relaxed);
         board.ticks.store(self.ticks, Ordering::Release);
         if self.told != self.latest {
@@ -207,7 +209,7 @@ impl Operated {
             && !self.since_is_known
         {
             self.since_is_known = true;
-            board.since_epoch.store(sample.header.epoch, Ordering::Relaxed);
+            board.since_run_id.store(sample.header.run_id, Ordering::Relaxed);
             board.since_seq.store(sample.header.seq, Ordering::Relaxed);
             board.since_is_known.store(true, Ordering::Relaxed);
         }

@@ -32,7 +32,7 @@ fn hopping(tick: u64) -> Sample {
         header: Header {
             version: WIRE_VERSION,
             flags: flags::CONTACT_SENSED | contact,
-            epoch: 1,
+            run_id: 1,
             seq: tick,
             t_ns: tick * 1_000_000,
         },

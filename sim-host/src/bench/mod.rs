@@ -82,7 +82,7 @@ pub fn measure(domain: &Arc<Domain>, size: Size) -> anyhow::Result<Report> {
     for round in 0..size.rounds {
         exchange(size.exchanges, raw, |i| atomics.ask(i))?;
         exchange(size.exchanges, iceoryx2, |i| bare.ask(i))?;
-        let options = Options { epoch: round + 1, timeout: TIMEOUT };
+        let options = Options { run_id: round + 1, timeout: TIMEOUT };
         let mut last = Instant::now();
         let outcome = lock_step::run(&scenario, &mut leg, options, |_| {
             let now = Instant::now();

@@ -45,8 +45,8 @@ impl Args {
     }
 
     /// How the leg is played.
-    fn options(&self, epoch: u32) -> Options {
-        Options { epoch, on_fall: self.on_fall }
+    fn options(&self, run_id: u32) -> Options {
+        Options { run_id, on_fall: self.on_fall }
     }
 
     /// How its loop is run.
@@ -95,14 +95,14 @@ fn two_processes(
     recording: &mut Recording,
 ) -> anyhow::Result<(Played, Option<LoopReport>)> {
     let terms = scenario.terms().with_pace(Pace::RealTime);
-    run::meet(scenario, args, terms, stop, recording, |met, epoch, recording| {
+    run::meet(scenario, args, terms, stop, recording, |met, run_id, recording| {
         let mut link = met.link;
         let (_, look) = realtime::watch(&link, stop, None, |_| ());
         let shared = Shared::default();
         let timing = Some(shared.clone());
         let operated =
             run::operated(&args.domain(), scenario.rate_hz, Pace::RealTime, stop, timing);
-        let options = args.real_time.options(epoch);
+        let options = args.real_time.options(run_id);
         let of_loop = args.real_time.of_loop(scenario.rate_hz, shared, recording);
         let mut hooks = (recording, operated);
         Ok(real_time::run(scenario, &mut link, options, &of_loop, stop, look, &mut hooks))
@@ -124,7 +124,7 @@ fn in_process(
     let Args { clock, controller_cpu, .. } = &args.real_time;
     let beside = RealTimeArgs { cpu: *controller_cpu, live: false, ..clock.clone() };
     let options = beside.options(Role::Controller, scenario.rate_hz, Shared::default());
-    let epoch = Options::default().epoch;
+    let run_id = Options::default().run_id;
     let (mut link, controllers_end) = memory::pair();
     let (played, served) = std::thread::scope(|scope| {
         let serving = scope.spawn(|| {
@@ -132,7 +132,7 @@ fn in_process(
             realtime::serve(controllers_end, &mut law, Ends::AtFarewell, &options, stop, || ())
         });
         let (leg, of_loop) = (
-            args.real_time.options(epoch),
+            args.real_time.options(run_id),
             args.real_time.of_loop(scenario.rate_hz, Shared::default(), recording),
         );
         let played = real_time::run(scenario, &mut link, leg, &of_loop, stop, || (), recording);

@@ -48,17 +48,17 @@ impl Recording {
             active.recorder.notes().policy(PolicyMessage::of(
                 blob,
                 policy,
-                Options::default().epoch,
+                Options::default().run_id,
                 0,
             ));
         }
     }
 
-    /// From now on asks the controller in `domain` what it runs in the run `epoch`.
-    pub(super) fn ask_for_policies(&mut self, domain: &str, epoch: u32) {
+    /// From now on asks the controller in `domain` what it runs in the run `run_id`.
+    pub(super) fn ask_for_policies(&mut self, domain: &str, run_id: u32) {
         if let Some(active) = &mut self.0 {
             let notes = active.recorder.notes();
-            active.policies = Some(PolicyWatch::begin(domain, epoch, notes));
+            active.policies = Some(PolicyWatch::begin(domain, run_id, notes));
         }
     }
 

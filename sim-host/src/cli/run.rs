@@ -23,7 +23,7 @@ use crate::scenario::{self, Scenario, Settings};
 use crate::session::child::ControllerCall;
 use crate::session::lock_step::{self, Options};
 use crate::session::stepped;
-use crate::session::two_processes::{self, Meeting, Met, News, PlayError, epoch_now};
+use crate::session::two_processes::{self, Meeting, Met, News, PlayError, new_run_id};
 use crate::session::{Ending, Outcome};
 
 /// Plays a scenario to a controller, in lock-step or in real time.
@@ -164,8 +164,8 @@ fn over_shared_memory(
     let stop = Stop::on_signals()?;
     let timeout = args.meeting.timeout();
     let terms = scenario.terms();
-    let (outcome, _) = meet(scenario, args, terms, &stop, recording, |met, epoch, recording| {
-        let options = Options { epoch, timeout };
+    let (outcome, _) = meet(scenario, args, terms, &stop, recording, |met, run_id, recording| {
+        let options = Options { run_id, timeout };
         let operated = operated(&args.domain(), scenario.rate_hz, Pace::LockStep, &stop, None);
         let mut hooks = (recording, operated);
         Ok(lock_step::run_with(scenario, &mut met.in_lock_step(), options, &mut hooks)?)
@@ -222,10 +222,10 @@ pub(super) fn meet<R>(
         News::Missing(_) => (),
         News::Notice(notice) => eprintln!("sim-host: {notice}"),
     };
-    let epoch = epoch_now();
-    recording.ask_for_policies(&domain, epoch);
-    let meeting = Meeting { domain, timeout, start, epoch };
-    let run = |met: Met<'_>| run(met, epoch, recording);
+    let run_id = new_run_id();
+    recording.ask_for_policies(&domain, run_id);
+    let meeting = Meeting { domain, timeout, start, run_id };
+    let run = |met: Met<'_>| run(met, run_id, recording);
     two_processes::play_by(terms, &meeting, stop, tell, run).map_err(|error| match &error {
         PlayError::Connect(ConnectError::Domain(DomainError::Name(_))) => misuse(error),
         PlayError::Controller(status) if status.code() == Some(2) => misuse(error),

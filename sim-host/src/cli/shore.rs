@@ -16,7 +16,7 @@ use super::recording::Recording;
 use crate::scenario::{Scenario, Settings};
 use crate::session::TickRecord;
 use crate::session::child::ControllerCall;
-use crate::session::two_processes::{self, Meeting, epoch_now};
+use crate::session::two_processes::{self, Meeting, new_run_id};
 use crate::shore::track::ApexMark;
 use crate::shore::{Recorder, picture};
 use leg_program::output::Pending;
@@ -55,7 +55,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let mut recorder = Recorder::default();
     let stop = Stop::on_signals()?;
     let meeting = meeting(args, &scenario);
-    recording.ask_for_policies(&meeting.domain, meeting.epoch);
+    recording.ask_for_policies(&meeting.domain, meeting.run_id);
     let outcome = two_processes::play(
         &scenario,
         &meeting,
@@ -102,7 +102,7 @@ fn meeting(args: &Args, scenario: &Scenario) -> Meeting {
         timeout: TIMEOUT,
         real_time: Vec::new(),
     };
-    Meeting { domain, timeout: TIMEOUT, start: Some(call), epoch: epoch_now() }
+    Meeting { domain, timeout: TIMEOUT, start: Some(call), run_id: new_run_id() }
 }
 
 /// The picture's file, begun, and its path.

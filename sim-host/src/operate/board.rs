@@ -34,7 +34,7 @@ pub struct Board {
 /// What the loop shows of its last tick, and has counted.
 #[derive(Debug, Default)]
 struct Shown {
-    epoch: AtomicU32,
+    run_id: AtomicU32,
     seq: AtomicU64,
     t_s_bits: AtomicU64,
     x_m_bits: AtomicU64,
@@ -51,7 +51,7 @@ struct Shown {
 /// What the loop has shown.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Seen {
-    pub(super) epoch: u32,
+    pub(super) run_id: u32,
     pub(super) seq: u64,
     pub(super) t_s: f64,
     pub(super) x_m: f64,
@@ -71,7 +71,7 @@ impl Board {
         // Only the loop writes: a count need not be raised in one go.
         let count = |of: &AtomicU64, more: u64| of.store(of.load(Relaxed) + more, Relaxed);
         let shown = &self.shown;
-        shown.epoch.store(tick.sample.header.epoch, Relaxed);
+        shown.run_id.store(tick.sample.header.run_id, Relaxed);
         shown.seq.store(tick.seq, Relaxed);
         shown.t_s_bits.store(tick.t_s.to_bits(), Relaxed);
         shown.x_m_bits.store(tick.body.x_m.to_bits(), Relaxed);
@@ -151,7 +151,7 @@ impl Board {
         let shown = &self.shown;
         let float = |bits: &AtomicU64| f64::from_bits(bits.load(Relaxed));
         Seen {
-            epoch: shown.epoch.load(Relaxed),
+            run_id: shown.run_id.load(Relaxed),
             seq: shown.seq.load(Relaxed),
             t_s: float(&shown.t_s_bits),
             x_m: float(&shown.x_m_bits),

@@ -44,7 +44,7 @@ pub struct LegStatus {
     /// The set-point by hand, m/s.
     pub ordered_m_s: Option<f64>,
     /// Number of the run.
-    pub epoch: u32,
+    pub run_id: u32,
     /// The last tick played.
     pub seq: u64,
     /// Its time, s.
@@ -114,7 +114,7 @@ fn obey(board: &Board, pace: Pace, request: &LegRequest) -> Result<(), String> {
 
 fn status(board: &Board, rate_hz: u32, pace: Pace, timing: Option<LoopReport>) -> LegStatus {
     let Seen {
-        epoch,
+        run_id,
         seq,
         t_s,
         x_m,
@@ -133,7 +133,7 @@ fn status(board: &Board, rate_hz: u32, pace: Pace, timing: Option<LoopReport>) -
         pace,
         is_paused: board.is_paused(),
         ordered_m_s: board.ordered(),
-        epoch,
+        run_id,
         seq,
         t_s,
         x_m,

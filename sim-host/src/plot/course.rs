@@ -179,8 +179,8 @@ impl Builder {
     }
 
     fn sample(&mut self, sample: &Sample) {
-        match self.last.replace((sample.epoch, sample.seq)) {
-            Some((epoch, last)) if epoch != sample.epoch => self.before += last + 1,
+        match self.last.replace((sample.run_id, sample.seq)) {
+            Some((run_id, last)) if run_id != sample.run_id => self.before += last + 1,
             Some((_, last)) if sample.seq > last + 1 => {
                 let gap = self.time_s(last + 1)..self.time_s(sample.seq);
                 if self.span.contains(&gap.start) && self.span.contains(&gap.end) {

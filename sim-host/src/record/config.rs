@@ -47,10 +47,10 @@ impl Config {
 impl Policy {
     /// A policy that passed its checks, given to the controller before a tick.
     #[must_use]
-    pub fn of(blob: &[u8], policy: &policy::Policy<'_>, epoch: u32, seq: u64) -> Self {
+    pub fn of(blob: &[u8], policy: &policy::Policy<'_>, run_id: u32, seq: u64) -> Self {
         let crc32 = blob.last_chunk().copied().map_or(0, u32::from_le_bytes);
         let name = policy.manifest().name.to_owned();
-        Self { name, crc32, blob: blob.to_vec(), epoch, seq }
+        Self { name, crc32, blob: blob.to_vec(), run_id, seq }
     }
 }
 

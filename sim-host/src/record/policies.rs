@@ -29,13 +29,13 @@ pub struct PolicyWatch {
 }
 
 impl PolicyWatch {
-    /// Begins to ask the controller in `domain` about the run `epoch`.
+    /// Begins to ask the controller in `domain` about the run `run_id`.
     #[must_use]
-    pub fn begin(domain: &str, epoch: u32, notes: Notes) -> Self {
+    pub fn begin(domain: &str, run_id: u32, notes: Notes) -> Self {
         let end = Arc::new(AtomicBool::new(false));
         let (ends, domain) = (Arc::clone(&end), domain.to_owned());
         let ask = move || {
-            let mut known = Known::new(epoch);
+            let mut known = Known::new(run_id);
             loop {
                 let last = ends.load(Ordering::Relaxed);
                 if let Ok(policies) =
@@ -70,7 +70,7 @@ impl Drop for PolicyWatch {
 /// What has been told of a run's policies.
 #[derive(Debug)]
 struct Known {
-    epoch: u32,
+    run_id: u32,
     began: bool,
     /// The last swap that is told, or lies before the run.
     swap: u64,
@@ -78,8 +78,8 @@ struct Known {
 }
 
 impl Known {
-    fn new(epoch: u32) -> Self {
-        Self { epoch, began: false, swap: 0, blobs: Vec::new() }
+    fn new(run_id: u32) -> Self {
+        Self { run_id, began: false, swap: 0, blobs: Vec::new() }
     }
 
     /// What is new in an answer.
@@ -88,7 +88,7 @@ impl Known {
             self.blobs.push(running.clone());
         }
         let mut told = Vec::new();
-        let of_this_run = |swap: &&SwapRecord| swap.at.is_some_and(|at| at.epoch == self.epoch);
+        let of_this_run = |swap: &&SwapRecord| swap.at.is_some_and(|at| at.run_id == self.run_id);
         if !self.began {
             self.began = true;
             // What it began with; when it has been swapped since, its bytes are gone.
@@ -116,7 +116,7 @@ impl Known {
             name: bytes.map(|bytes| bytes.policy.name.clone()).unwrap_or_default(),
             crc32: crc32.0,
             blob: bytes.map(|bytes| bytes.blob.clone()).unwrap_or_default(),
-            epoch: self.epoch,
+            run_id: self.run_id,
             seq,
         }
     }
@@ -139,7 +139,7 @@ mod tests {
     }
 
     fn swap(number: u64, crc32: u32, at: Option<(u32, u64)>) -> SwapRecord {
-        let at = at.map(|(epoch, seq)| Moment { epoch, seq });
+        let at = at.map(|(run_id, seq)| Moment { run_id, seq });
         SwapRecord { number, crc32: Crc32(crc32), at }
     }
 

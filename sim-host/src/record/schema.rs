@@ -99,9 +99,9 @@ pub struct Sample {
     /// [`wire::Header::flags`].
     #[prost(uint32, tag = "2")]
     pub flags: u32,
-    /// [`wire::Header::epoch`].
+    /// [`wire::Header::run_id`].
     #[prost(uint32, tag = "3")]
-    pub epoch: u32,
+    pub run_id: u32,
     /// [`wire::Header::seq`].
     #[prost(uint64, tag = "4")]
     pub seq: u64,
@@ -138,9 +138,9 @@ pub struct Command {
     /// [`wire::Header::flags`].
     #[prost(uint32, tag = "2")]
     pub flags: u32,
-    /// [`wire::Header::epoch`].
+    /// [`wire::Header::run_id`].
     #[prost(uint32, tag = "3")]
-    pub epoch: u32,
+    pub run_id: u32,
     /// [`wire::Header::seq`], of the sample that it answers.
     #[prost(uint64, tag = "4")]
     pub seq: u64,
@@ -330,7 +330,7 @@ pub struct Policy {
     pub blob: Vec<u8>,
     /// The run.
     #[prost(uint32, tag = "4")]
-    pub epoch: u32,
+    pub run_id: u32,
     /// The tick before which the controller was given it; it takes over at the
     /// next apex.
     #[prost(uint64, tag = "5")]
@@ -418,11 +418,11 @@ recorded!(Sample, Command, State, Apex, Event, Policy, Config, Loop, End);
 
 impl From<&wire::Sample> for Sample {
     fn from(sample: &wire::Sample) -> Self {
-        let wire::Header { version, flags, epoch, seq, t_ns } = sample.header;
+        let wire::Header { version, flags, run_id, seq, t_ns } = sample.header;
         Self {
             version: version.into(),
             flags: flags.into(),
-            epoch,
+            run_id,
             seq,
             t_ns,
             set_point_m_s: sample.set_point_m_s,
@@ -438,7 +438,7 @@ impl From<&wire::Sample> for Sample {
 impl From<&Sample> for wire::Sample {
     fn from(s: &Sample) -> Self {
         Self {
-            header: header(s.version, s.flags, s.epoch, s.seq, s.t_ns),
+            header: header(s.version, s.flags, s.run_id, s.seq, s.t_ns),
             set_point_m_s: s.set_point_m_s,
             vx_m_s: s.vx_m_s,
             y_m: s.y_m,
@@ -453,11 +453,11 @@ impl Command {
     /// A command in force over `tick`.
     #[must_use]
     pub fn over(tick: u64, command: &wire::Command, is_new: bool, round_trip_ns: u64) -> Self {
-        let wire::Header { version, flags, epoch, seq, t_ns } = command.header;
+        let wire::Header { version, flags, run_id, seq, t_ns } = command.header;
         Self {
             version: version.into(),
             flags: flags.into(),
-            epoch,
+            run_id,
             seq,
             t_ns,
             leg_angle_rad: command.leg_angle_rad,
@@ -480,7 +480,7 @@ impl Command {
 impl From<&Command> for wire::Command {
     fn from(c: &Command) -> Self {
         Self {
-            header: header(c.version, c.flags, c.epoch, c.seq, c.t_ns),
+            header: header(c.version, c.flags, c.run_id, c.seq, c.t_ns),
             leg_angle_rad: c.leg_angle_rad,
             elongation_m: c.elongation_m,
             elongation_rate_m_s: c.elongation_rate_m_s,
@@ -495,8 +495,8 @@ impl From<&Command> for wire::Command {
     }
 }
 
-fn header(version: u32, flags: u32, epoch: u32, seq: u64, t_ns: u64) -> wire::Header {
-    wire::Header { version: version as u16, flags: flags as u16, epoch, seq, t_ns }
+fn header(version: u32, flags: u32, run_id: u32, seq: u64, t_ns: u64) -> wire::Header {
+    wire::Header { version: version as u16, flags: flags as u16, run_id, seq, t_ns }
 }
 
 #[cfg(test)]

@@ -44,7 +44,7 @@ impl Translator {
     fn tick(&mut self, tick: &TickRow, frames: &mut Frames) {
         let TickRow { seq, body, sample, command, .. } = tick;
         if let Some(last) = self.tick
-            && last.sample.header.epoch != sample.header.epoch
+            && last.sample.header.run_id != sample.header.run_id
         {
             self.close_apex(false, &last.command, frames);
             self.before_s += last.t_s + 1.0 / f64::from(self.rate_hz.max(1));

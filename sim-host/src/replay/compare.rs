@@ -88,7 +88,7 @@ fn fields(command: &Command) -> [(&'static str, Field); 15] {
     use Field::{F32, U32, U64};
     // Taken apart, so that a field that is added is not forgotten here.
     let Command {
-        header: Header { version, flags, epoch, seq, t_ns },
+        header: Header { version, flags, run_id, seq, t_ns },
         leg_angle_rad,
         elongation_m,
         elongation_rate_m_s,
@@ -103,7 +103,7 @@ fn fields(command: &Command) -> [(&'static str, Field); 15] {
     [
         ("version", U32(version.into())),
         ("flags", U32(flags.into())),
-        ("epoch", U32(epoch)),
+        ("run_id", U32(run_id)),
         ("seq", U64(seq)),
         ("t_ns", U64(t_ns)),
         ("leg_angle_rad", F32(leg_angle_rad)),

@@ -161,7 +161,7 @@ fn recorded_policies<'a>(
             })?;
             Some(policy)
         };
-        swaps.push(Swap { at: (recorded.epoch, recorded.seq), policy });
+        swaps.push(Swap { at: (recorded.run_id, recorded.seq), policy });
     }
     swaps.sort_by_key(|swap| swap.at);
     // One that came in the middle of the run says nothing of its beginning.

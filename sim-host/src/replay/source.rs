@@ -36,7 +36,7 @@ impl Summary {
                 Entry::Config(found) => config = Some(found),
                 Entry::Policy(policy) => policies.push(policy),
                 Entry::Sample(sample) => {
-                    first.get_or_insert((sample.epoch, sample.seq));
+                    first.get_or_insert((sample.run_id, sample.seq));
                     ticks += 1;
                 }
                 _ => (),
@@ -105,9 +105,9 @@ impl Source {
     }
 
     fn sample(&mut self, sample: &wire::Sample) {
-        let Header { epoch, seq, .. } = sample.header;
-        let last = self.last.replace((epoch, seq));
-        if last.is_some_and(|last| last.0 != epoch) {
+        let Header { run_id, seq, .. } = sample.header;
+        let last = self.last.replace((run_id, seq));
+        if last.is_some_and(|last| last.0 != run_id) {
             // The leg was put back to its start: what it sensed before is over.
             self.samples.clear();
         } else if let Some((_, last)) = last

@@ -74,7 +74,7 @@ impl<'a> Twin<'a> {
 
     /// Answers as the recorded one did; says whether it had begun anew before.
     pub(super) fn follow(&mut self, answer: &Answer) -> Result<bool, Parted> {
-        let at = (answer.command.epoch, answer.command.seq);
+        let at = (answer.command.run_id, answer.command.seq);
         while let Some(swap) = self.swaps.pop_front_if(|swap| swap.at <= at) {
             let Some(policy) = swap.policy else {
                 return Err(Parted::NoPolicy { seq: swap.at.1 });

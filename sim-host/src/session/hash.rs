@@ -37,7 +37,7 @@ impl StateHash {
         }
     }
 
-    /// Takes in a command: all but version and epoch, which are not the run's.
+    /// Takes in a command: all but version and run id, which are not the run's.
     pub fn command(&mut self, command: &Command) {
         let c = command;
         self.word(c.header.seq);

@@ -61,9 +61,9 @@ impl Held {
     /// Whether a command is for this run, not older than the one in force, not
     /// too old, and can be followed.
     fn counts(&self, now: &Header, command: &Command) -> bool {
-        let Header { version, epoch, seq, .. } = command.header;
+        let Header { version, run_id, seq, .. } = command.header;
         let figures = [command.leg_angle_rad, command.elongation_m, command.elongation_rate_m_s];
-        (version, epoch) == (WIRE_VERSION, now.epoch)
+        (version, run_id) == (WIRE_VERSION, now.run_id)
             && seq <= now.seq
             && now.seq - seq <= u64::from(SAFE_AFTER_TICKS)
             && self.last.is_none_or(|last| seq > last.header.seq)
@@ -99,7 +99,7 @@ mod tests {
     use super::*;
 
     fn at(seq: u64) -> Header {
-        Header { version: WIRE_VERSION, flags: 0, epoch: 4, seq, t_ns: seq * 1_000_000 }
+        Header { version: WIRE_VERSION, flags: 0, run_id: 4, seq, t_ns: seq * 1_000_000 }
     }
 
     fn command(seq: u64) -> Command {
@@ -148,7 +148,7 @@ mod tests {
         type Change = fn(&mut Command);
         let changes: [Change; 7] = [
             |c| c.header.version += 1,
-            |c| c.header.epoch += 1,
+            |c| c.header.run_id += 1,
             |c| c.header.seq = 51,
             |c| c.header.seq = 44,
             |c| c.leg_angle_rad = f32::NAN,

@@ -48,7 +48,7 @@ pub struct TickRecord<'a> {
 #[derive(Debug)]
 pub struct Leg<'a> {
     scenario: &'a Scenario,
-    epoch: u32,
+    run_id: u32,
     set_points: SetPointCursor<'a>,
     /// Asked for by hand, instead of the scenario's.
     ordered_m_s: Option<f64>,
@@ -71,13 +71,13 @@ pub struct Leg<'a> {
 }
 
 impl<'a> Leg<'a> {
-    /// A leg at its scenario's start. `epoch` numbers the run: it goes out with
+    /// A leg at its scenario's start. `run_id` numbers the run: it goes out with
     /// every sample, and only commands that carry it count.
     #[must_use]
-    pub fn new(scenario: &'a Scenario, epoch: u32) -> Self {
+    pub fn new(scenario: &'a Scenario, run_id: u32) -> Self {
         let mut leg = Self {
             scenario,
-            epoch,
+            run_id,
             set_points: scenario.set_points.begin(scenario.start.x_m),
             ordered_m_s: None,
             plant: TickPlant::new(scenario.played_leg(), scenario.start),
@@ -152,10 +152,10 @@ impl<'a> Leg<'a> {
         self.ticks_before + self.seq
     }
 
-    /// Puts the leg back to its scenario's start, as the run `epoch`. The time
+    /// Puts the leg back to its scenario's start, as the run `run_id`. The time
     /// that is left, and what was counted, go on.
-    pub fn restart(&mut self, epoch: u32) {
-        self.epoch = epoch;
+    pub fn restart(&mut self, run_id: u32) {
+        self.run_id = run_id;
         self.restarts += 1;
         self.ticks_before = self.ticks();
         self.seq = 0;
@@ -177,8 +177,8 @@ impl<'a> Leg<'a> {
     /// Whether a command answers this very tick.
     #[must_use]
     pub fn is_answered_by(&self, command: &Command) -> bool {
-        let Header { version, epoch, seq, .. } = command.header;
-        (version, epoch, seq) == (WIRE_VERSION, self.epoch, self.seq)
+        let Header { version, run_id, seq, .. } = command.header;
+        (version, run_id, seq) == (WIRE_VERSION, self.run_id, self.seq)
     }
 
     /// Counts a command that a session does not bring to [`Leg::step`].
@@ -272,7 +272,7 @@ impl<'a> Leg<'a> {
         Header {
             version: WIRE_VERSION,
             flags,
-            epoch: self.epoch,
+            run_id: self.run_id,
             seq: self.seq,
             t_ns: self.seq * 1_000_000_000 / u64::from(self.scenario.rate_hz),
         }

@@ -2,7 +2,7 @@
 //! plant, as fast as the machine.
 //!
 //! Sim time is tick number over rate. A command is taken only for its tick and
-//! epoch, however long it takes to come, so a run is the same, bit for bit,
+//! run id, however long it takes to come, so a run is the same, bit for bit,
 //! over any transport and at any speed. Where the scenario has faults on the
 //! link, they happen here, at the leg's end; in a tick that they leave without a
 //! command the leg goes on under the one before.
@@ -24,14 +24,14 @@ use crate::scenario::Scenario;
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
     /// Number of the run, carried by every message.
-    pub epoch: u32,
+    pub run_id: u32,
     /// How long to wait for a command.
     pub timeout: Duration,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { epoch: 1, timeout: Duration::from_secs(10) }
+        Self { run_id: 1, timeout: Duration::from_secs(10) }
     }
 }
 
@@ -101,7 +101,7 @@ pub(super) fn run_on(
     options: Options,
     hooks: &mut impl Hooks,
 ) -> Result<Outcome, SessionError> {
-    let mut leg = Leg::new(scenario, options.epoch);
+    let mut leg = Leg::new(scenario, options.run_id);
     let mut round_trips = RoundTrips::default();
     let begun = Instant::now();
     let ending = loop {

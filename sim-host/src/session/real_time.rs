@@ -35,7 +35,7 @@ pub enum OnFall {
     /// The run ends.
     #[default]
     End,
-    /// It is put back to its start, as another epoch, and the fall is counted.
+    /// It is put back to its start, as another run, and the fall is counted.
     Restart,
 }
 
@@ -43,14 +43,14 @@ pub enum OnFall {
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
     /// Number of the run, carried by every message; raised by a restart.
-    pub epoch: u32,
+    pub run_id: u32,
     /// What becomes of a leg that falls.
     pub on_fall: OnFall,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { epoch: 1, on_fall: OnFall::End }
+        Self { run_id: 1, on_fall: OnFall::End }
     }
 }
 

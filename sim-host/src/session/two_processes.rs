@@ -27,8 +27,8 @@ pub struct Meeting {
     pub timeout: Duration,
     /// The controller to start; `None` waits for one that somebody else starts.
     pub start: Option<ControllerCall>,
-    /// The number of the run; see [`epoch_now`].
-    pub epoch: u32,
+    /// The number of the run; see [`new_run_id`].
+    pub run_id: u32,
 }
 
 /// Why there was no run, or not a whole one.
@@ -100,7 +100,7 @@ impl<'a> Met<'a> {
 /// counts hundredths of a second and wraps after 497 days; half of these count
 /// as the future.
 #[must_use]
-pub fn epoch_now() -> u32 {
+pub fn new_run_id() -> u32 {
     (UNIX_EPOCH.elapsed().unwrap_or_default().as_millis() / 10) as u32
 }
 
@@ -123,7 +123,7 @@ pub fn play(
     tell: impl FnMut(News<'_>),
     observe: impl FnMut(&TickRecord),
 ) -> Result<Outcome, PlayError> {
-    let options = Options { timeout: meeting.timeout, epoch: meeting.epoch };
+    let options = Options { timeout: meeting.timeout, run_id: meeting.run_id };
     let (outcome, _) = play_by(scenario.terms(), meeting, stop, tell, |met| {
         Ok(lock_step::run(scenario, &mut met.in_lock_step(), options, observe)?)
     })?;

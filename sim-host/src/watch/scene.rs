@@ -75,7 +75,7 @@ impl Scene {
         let t_s = seconds(sample.header.t_ns);
         if let Some(last) = self.sample {
             let last_s = seconds(last.header.t_ns);
-            if last.header.epoch != sample.header.epoch || t_s < last_s {
+            if last.header.run_id != sample.header.run_id || t_s < last_s {
                 self.begin_anew();
             } else {
                 self.x_m += f64::from(sample.vx_m_s) * (t_s - last_s);
@@ -114,7 +114,7 @@ impl Scene {
     /// Takes in what the leg's desk says, or that it says nothing.
     pub fn take_leg(&mut self, status: Option<LegStatus>, now: Instant) {
         if let (Some(status), Some(sample)) = (&status, &self.sample)
-            && status.epoch == sample.header.epoch
+            && status.run_id == sample.header.run_id
         {
             let ahead_s = seconds(sample.header.t_ns) - status.t_s;
             let x_m = status.x_m + f64::from(sample.vx_m_s) * ahead_s;
@@ -196,10 +196,10 @@ mod tests {
 
     use super::*;
 
-    fn sample(epoch: u32, t_ms: u64, contact: bool) -> Sample {
+    fn sample(run_id: u32, t_ms: u64, contact: bool) -> Sample {
         let flags = if contact { flags::IN_CONTACT } else { 0 };
         let t_ns = 1_000_000 * t_ms;
-        let header = Header { epoch, flags, seq: t_ms, t_ns, ..Header::default() };
+        let header = Header { run_id, flags, seq: t_ms, t_ns, ..Header::default() };
         Sample { header, vx_m_s: 2.0, y_m: 0.8, leg_length_m: 1.0, ..Sample::default() }
     }
 

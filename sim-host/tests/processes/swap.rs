@@ -34,7 +34,7 @@ fn a_policy_is_swapped_in_at_an_apex_and_a_bad_one_is_refused() {
     assert_eq!((after["policy"]["name"].as_str(), &after["swaps"]), (Some("other"), &1.into()));
     assert_eq!(after["policy"]["file"], text(&other));
     assert_ne!(after["policy"]["crc32"], before["policy"]["crc32"]);
-    assert_eq!(after["since"]["epoch"], after["last"]["epoch"]);
+    assert_eq!(after["since"]["run_id"], after["last"]["run_id"]);
     assert_eq!(after["rejected"]["ticks"], 0);
     let table = place.ask(&["status"]);
     for part in ["other", after["policy"]["crc32"].as_str().unwrap(), "swaps 1"] {

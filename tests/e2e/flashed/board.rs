@@ -126,7 +126,7 @@ impl Flashed {
 pub(crate) fn bits(command: &Command) -> ([u64; 5], [u32; 10]) {
     let h = &command.header;
     (
-        [h.version.into(), h.flags.into(), h.epoch.into(), h.seq, h.t_ns],
+        [h.version.into(), h.flags.into(), h.run_id.into(), h.seq, h.t_ns],
         [
             command.leg_angle_rad.to_bits(),
             command.elongation_m.to_bits(),

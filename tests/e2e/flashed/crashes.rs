@@ -13,7 +13,7 @@ fn sample(seq: u64) -> Sample {
     let header = Header {
         version: WIRE_VERSION,
         flags: flags::CONTACT_SENSED,
-        epoch: 3,
+        run_id: 3,
         seq,
         t_ns: seq * 1_000_000,
     };
@@ -73,7 +73,7 @@ fn crash_of(session: u32) -> (Crash, i32) {
     };
     let (turn, command) = last.expect("a command");
     assert_ne!(command.header.flags & flags::SAFE, 0, "{command:?}");
-    assert_eq!((turn, command.header.seq, command.header.epoch), (300, 300, 3));
+    assert_eq!((turn, command.header.seq, command.header.run_id), (300, 300, 3));
     assert_eq!(command.header.t_ns, sample(300).header.t_ns);
     let status = loop {
         assert!(begun.elapsed() < Duration::from_secs(20), "the emulator has not ended");

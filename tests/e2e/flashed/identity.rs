@@ -175,7 +175,7 @@ fn host_and_firmware_give_the_same_commands_bit_for_bit() {
     let mut run = 0;
     while twins.did.ticks < wanted {
         run += 1;
-        let options = Options { epoch: run as u32, ..Options::default() };
+        let options = Options { run_id: run as u32, ..Options::default() };
         let scenario = scenario(run, wanted - twins.did.ticks);
         let outcome = lock_step::run(&scenario, &mut twins, options, |_| ()).expect("a run");
         twins.did.apexes += outcome.apexes;

@@ -13,7 +13,7 @@ fn sample(seq: u64) -> Sample {
     let header = Header {
         version: WIRE_VERSION,
         flags: flags::CONTACT_SENSED | flags::DENSITY_SENSED,
-        epoch: 1,
+        run_id: 1,
         seq,
         t_ns: seq * 1_000_000,
     };

@@ -37,7 +37,7 @@ impl BadSenses {
             1 => bad.header.seq = good.header.seq.saturating_sub(self.rng.random_range(2..50)),
             2 => bad.header.t_ns += 1_000_000_000,
             // Of another run, of another build.
-            3 => bad.header.epoch = good.header.epoch.wrapping_sub(1),
+            3 => bad.header.run_id = good.header.run_id.wrapping_sub(1),
             4 => bad.header.version = WIRE_VERSION + 1,
             // Figures that are none, or beyond any leg.
             5 => *self.figure(&mut bad) = f32::NAN,
@@ -70,7 +70,7 @@ impl BadSenses {
             header: Header {
                 version: WIRE_VERSION,
                 flags: rng.random(),
-                epoch: rng.random(),
+                run_id: rng.random(),
                 seq: rng.random(),
                 t_ns: rng.random(),
             },

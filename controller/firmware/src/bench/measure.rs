@@ -87,7 +87,7 @@ fn hop(policy: &Policy<'static>) {
             header: Header {
                 version: WIRE_VERSION,
                 flags: flags::CONTACT_SENSED | contact,
-                epoch: 1,
+                run_id: 1,
                 seq,
                 t_ns: seq * 1_000_000,
             },

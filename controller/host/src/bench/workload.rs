@@ -84,7 +84,7 @@ impl<'a> Ticks<'a> {
             let header = Header {
                 version: WIRE_VERSION,
                 flags: flags::CONTACT_SENSED | contact,
-                epoch: 1,
+                run_id: 1,
                 seq,
                 t_ns: seq * 1_000_000,
             };

@@ -147,7 +147,7 @@ struct Tick(Moment);
 
 impl fmt::Display for Tick {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "tick {} of run {}", self.0.seq, self.0.epoch)
+        write!(f, "tick {} of run {}", self.0.seq, self.0.run_id)
     }
 }
 

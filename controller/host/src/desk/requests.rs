@@ -70,7 +70,7 @@ pub struct PolicyName {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Moment {
     /// The run.
-    pub epoch: u32,
+    pub run_id: u32,
     /// Its tick.
     pub seq: u64,
 }

@@ -17,7 +17,7 @@ fn other() -> Vec<u8> {
 }
 
 /// A leg that hops as if on rails, an apex every hundred ticks.
-fn hopping(epoch: u32, seq: u64) -> Sample {
+fn hopping(run_id: u32, seq: u64) -> Sample {
     let phase = core::f32::consts::TAU * (seq % 100) as f32 / 100.0;
     let y_m = 1.05 + 0.15 * phase.cos();
     let contact = if y_m < 0.99 { flags::IN_CONTACT } else { 0 };
@@ -25,7 +25,7 @@ fn hopping(epoch: u32, seq: u64) -> Sample {
         header: Header {
             version: WIRE_VERSION,
             flags: flags::CONTACT_SENSED | contact,
-            epoch,
+            run_id,
             seq,
             t_ns: seq * 1_000_000,
         },
@@ -58,8 +58,8 @@ fn a_swap_waits_for_the_apex_and_is_told_with_its_ticks() {
     }
     let status = office.status();
     assert_eq!((status.policy, status.swaps, status.pending), (swapping.policy, 1, None));
-    assert_eq!(status.since, Some(Moment { epoch: 7, seq: 300 }), "the apex");
-    assert_eq!((status.last, status.ticks), (Some(Moment { epoch: 7, seq: 300 }), 301));
+    assert_eq!(status.since, Some(Moment { run_id: 7, seq: 300 }), "the apex");
+    assert_eq!((status.last, status.ticks), (Some(Moment { run_id: 7, seq: 300 }), 301));
     assert_eq!(status.rejected, Rejected::default());
     let news = office.news().unwrap();
     assert!(news.contains("other.bin") && news.contains("at tick 300"), "{news}");
@@ -67,7 +67,7 @@ fn a_swap_waits_for_the_apex_and_is_told_with_its_ticks() {
     let Policies { running, swaps } = office.policies();
     assert_eq!(running.blob, other());
     assert_eq!(swaps.len(), 1);
-    assert_eq!(swaps[0].at, Some(Moment { epoch: 7, seq: 250 }), "the order");
+    assert_eq!(swaps[0].at, Some(Moment { run_id: 7, seq: 250 }), "the order");
 }
 
 #[test]
@@ -125,5 +125,5 @@ fn a_restart_keeps_the_policy_and_takes_the_one_that_waits() {
     assert_eq!(office.status().policy.name, "test");
     assert_eq!(office.status().since, None, "no sample yet");
     controller.tick(Some(&hopping(2, 0)));
-    assert_eq!(office.status().since, Some(Moment { epoch: 2, seq: 0 }));
+    assert_eq!(office.status().since, Some(Moment { run_id: 2, seq: 0 }));
 }

@@ -148,7 +148,7 @@ enum Gone {
 struct Watch {
     role: Role,
     tick_ns: u64,
-    epoch: u32,
+    run_id: u32,
     /// When the peer was last heard.
     heard_ns: Option<u64>,
     /// Ticks since then.
@@ -166,7 +166,7 @@ impl Watch {
         Self {
             role,
             tick_ns: 1_000_000_000 / u64::from(rate_hz.max(1)),
-            epoch: 0,
+            run_id: 0,
             heard_ns: None,
             stale_ticks: 0,
             gone: None,
@@ -210,8 +210,8 @@ impl Watch {
             Word::New => {
                 let before_ns = self.heard_ns.replace(row.woke_ns);
                 self.stale_ticks = 0;
-                if row.epoch != self.epoch {
-                    (self.epoch, self.was_flying, self.safe_since_ns) = (row.epoch, false, None);
+                if row.run_id != self.run_id {
+                    (self.run_id, self.was_flying, self.safe_since_ns) = (row.run_id, false, None);
                 }
                 if self.gone.take().is_some() {
                     let silent_ns = row.woke_ns - before_ns.unwrap_or(row.woke_ns);

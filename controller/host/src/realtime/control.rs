@@ -135,7 +135,7 @@ impl<L: ControllerLink, W: Law> Task for ControllerTask<L, W> {
         Ok(Done {
             word: if sample.is_some() { Word::New } else { Word::Stale },
             safe: command.header.flags & flags::SAFE != 0,
-            epoch: command.header.epoch,
+            run_id: command.header.run_id,
             seq: command.header.seq,
             sample_age_ns: age_ns,
             round_trip_ns: age_ns.map(|age| age + clock.now_ns().saturating_sub(taken_ns)),
@@ -151,7 +151,7 @@ impl<L: ControllerLink, W: Law> Task for ControllerTask<L, W> {
 #[derive(Clone, Copy, Debug)]
 struct Ages {
     grid: Grid,
-    epoch: Option<u32>,
+    run_id: Option<u32>,
     /// Tick of the grid at which the run began, as far as is known.
     zero: u64,
     /// The same by the samples since the last window's end.
@@ -162,14 +162,14 @@ struct Ages {
 impl Ages {
     fn new(rate_hz: u32) -> Self {
         let grid = Grid::of(Role::Leg, rate_hz);
-        Self { grid, epoch: None, zero: u64::MAX, next_zero: u64::MAX, seen: 0 }
+        Self { grid, run_id: None, zero: u64::MAX, next_zero: u64::MAX, seen: 0 }
     }
 
     /// Time since the instant that a sample describes, ns.
     fn age_ns(&mut self, header: &Header, now_ns: u64) -> Option<u64> {
         let zero = self.grid.newest(now_ns)?.checked_sub(header.seq)?;
-        if self.epoch != Some(header.epoch) {
-            (self.epoch, self.zero, self.next_zero) = (Some(header.epoch), zero, zero);
+        if self.run_id != Some(header.run_id) {
+            (self.run_id, self.zero, self.next_zero) = (Some(header.run_id), zero, zero);
             self.seen = 0;
         }
         self.zero = self.zero.min(zero);
@@ -188,7 +188,7 @@ mod tests {
     use super::*;
 
     fn header(seq: u64) -> Header {
-        Header { epoch: 3, seq, ..Header::default() }
+        Header { run_id: 3, seq, ..Header::default() }
     }
 
     #[test]

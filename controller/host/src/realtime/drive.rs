@@ -43,7 +43,7 @@ pub struct Done {
     /// Whether a safe command is in force.
     pub safe: bool,
     /// The run.
-    pub epoch: u32,
+    pub run_id: u32,
     /// Its tick.
     pub seq: u64,
     /// How old the sample is that the tick went by, ns.
@@ -100,7 +100,7 @@ impl Log {
             round_trip_ns: done.round_trip_ns,
             word: done.word,
             safe: done.safe,
-            epoch: done.epoch,
+            run_id: done.run_id,
             seq: done.seq,
             counters: *c,
         };

@@ -68,7 +68,7 @@ pub struct Row {
     /// Whether a safe command is in force.
     pub safe: bool,
     /// The run.
-    pub epoch: u32,
+    pub run_id: u32,
     /// The tick of the run that the leg played last, or the number of the sample
     /// that the controller answered last.
     pub seq: u64,

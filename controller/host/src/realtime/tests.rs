@@ -154,7 +154,7 @@ impl Law for Asked {
 }
 
 fn sample(seq: u64, flags: u16) -> Sample {
-    Sample { header: Header { flags, epoch: 1, seq, ..Header::default() }, ..Sample::default() }
+    Sample { header: Header { flags, run_id: 1, seq, ..Header::default() }, ..Sample::default() }
 }
 
 /// Plays one tick of a controller.

@@ -59,7 +59,7 @@ fn board() -> (Client, Bench) {
 }
 
 fn sample(seq: u64) -> Sample {
-    let header = Header { version: 1, epoch: 1, seq, t_ns: seq * 1_000_000, flags: 0 };
+    let header = Header { version: 1, run_id: 1, seq, t_ns: seq * 1_000_000, flags: 0 };
     Sample { header, y_m: 2.0, ..Sample::default() }
 }
 

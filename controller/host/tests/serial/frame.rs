@@ -15,7 +15,7 @@ fn frame_of(message: &impl serde::Serialize) -> Vec<u8> {
 }
 
 fn sample_frame() -> Vec<u8> {
-    let header = Header { version: 1, flags: 3, epoch: 2, seq: 70_000, t_ns: 70_000_000_000 };
+    let header = Header { version: 1, flags: 3, run_id: 2, seq: 70_000, t_ns: 70_000_000_000 };
     let sample = Sample { header, vx_m_s: 1.25, y_m: 2.0, vy_m_s: -0.5, ..Sample::default() };
     frame_of(&ToController::Sample { turn: 9, sample })
 }

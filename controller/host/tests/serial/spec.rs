@@ -16,7 +16,7 @@ const SPEC: &str = include_str!("../../../src/serial/PROTOCOL.md");
 const HEADER: Header = Header {
     version: 0x1122,
     flags: 0x3344,
-    epoch: 0x5566_7788,
+    run_id: 0x5566_7788,
     seq: 0x99aa_bbcc_ddee_ff01,
     t_ns: 0x1213_1415_1617_1819,
 };

@@ -160,7 +160,7 @@ impl Clock {
             return false;
         }
         self.now += match self.last {
-            Some(last) if last.epoch == header.epoch && last.seq < header.seq => {
+            Some(last) if last.run_id == header.run_id && last.seq < header.seq => {
                 header.seq - last.seq
             }
             Some(_) => 1,

@@ -86,7 +86,7 @@ impl<L: Link<Sends: OnTheWire, Receives: OnTheWire>> Faulty<L> {
         loop {
             let Some(message) = self.link.receive(left)? else { return Ok(None) };
             let (ours, theirs) = (sent.header(), message.header());
-            if (ours.epoch, ours.seq) == (theirs.epoch, theirs.seq) {
+            if (ours.run_id, ours.seq) == (theirs.run_id, theirs.seq) {
                 return Ok(Some(message));
             }
             // To a tick before, asked twice.

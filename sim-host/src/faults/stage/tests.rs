@@ -13,7 +13,7 @@ const TICKS: u64 = 2000;
 
 fn sample(seq: u64) -> Sample {
     Sample {
-        header: Header { version: WIRE_VERSION, seq, epoch: 1, ..Header::default() },
+        header: Header { version: WIRE_VERSION, seq, run_id: 1, ..Header::default() },
         vx_m_s: seq as f32,
         ..Sample::default()
     }
@@ -156,7 +156,7 @@ fn sensors_are_noisy_biased_blind_and_stuck() {
 
 fn command(seq: u64, angle_rad: f32, elongation_m: f32, rate_m_s: f32) -> Command {
     Command {
-        header: Header { version: WIRE_VERSION, seq, epoch: 1, ..Header::default() },
+        header: Header { version: WIRE_VERSION, seq, run_id: 1, ..Header::default() },
         leg_angle_rad: angle_rad,
         elongation_m,
         elongation_rate_m_s: rate_m_s,
@@ -219,7 +219,7 @@ fn bits_apart(a: &Sample, b: &Sample) -> u32 {
         let h = s.header;
         let figures = [s.set_point_m_s, s.vx_m_s, s.y_m, s.vy_m_s, s.leg_length_m, s.density_ratio];
         let mut words = vec![u64::from(h.version) << 16 | u64::from(h.flags)];
-        words.extend([u64::from(h.epoch), h.seq, h.t_ns]);
+        words.extend([u64::from(h.run_id), h.seq, h.t_ns]);
         words.extend(figures.map(|figure| u64::from(figure.to_bits())));
         words
     };
@@ -378,7 +378,7 @@ fn a_run_that_begins_anew_is_later_not_earlier() {
     }
     // Restarted: ticks from 0 again, but the fault's time is over.
     let mut again = sample(0);
-    again.header.epoch = 2;
+    again.header.run_id = 2;
     leg.send(&again).unwrap();
     assert_eq!(leg.into_parts().1.count(0), 3);
 }

@@ -23,7 +23,7 @@ fn flip_in_header(header: &mut Header, bit: u32) {
     match bit {
         0..16 => header.version ^= 1 << bit,
         16..32 => header.flags ^= 1 << (bit - 16),
-        32..64 => header.epoch ^= 1 << (bit - 32),
+        32..64 => header.run_id ^= 1 << (bit - 32),
         64..128 => header.seq ^= 1 << (bit - 64),
         128..192 => header.t_ns ^= 1 << (bit - 128),
         _ => (),

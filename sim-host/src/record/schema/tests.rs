@@ -140,7 +140,7 @@ fn structs_and_proto_file_say_the_same() {
             foot_y_m: 9.5,
         });
     }
-    assert_same(&Policy { name: "p".into(), crc32: 2, blob: vec![0, 3], epoch: 4, seq: 5 });
+    assert_same(&Policy { name: "p".into(), crc32: 2, blob: vec![0, 3], run_id: 4, seq: 5 });
     assert_same(&Config {
         scenario_toml: "a = 1\n".into(),
         sim_host_version: "0".into(),

@@ -35,7 +35,7 @@ fn the_same_run_has_the_same_hash_over_any_link() {
     let timeout = Options::default().timeout;
     let threaded = std::thread::scope(|scope| {
         let serving = scope.spawn(move || serve(&mut controller, timeout, law));
-        let outcome = run(&short, &mut leg, Options { epoch: 9, timeout }, |_| ());
+        let outcome = run(&short, &mut leg, Options { run_id: 9, timeout }, |_| ());
         assert_eq!(serving.join().unwrap().unwrap(), 5000);
         outcome.unwrap()
     });
@@ -86,7 +86,7 @@ fn an_answer_to_another_tick_or_epoch_is_never_taken() {
     let short = scenario("duration_s = 1.0");
     let options = Options { timeout: Duration::from_millis(5), ..Options::default() };
     for wrong in [
-        |header: &mut Header| header.epoch += 1,
+        |header: &mut Header| header.run_id += 1,
         |header: &mut Header| header.seq += 1,
         |header: &mut Header| header.version += 1,
     ] {

@@ -25,7 +25,7 @@ pub struct LegTask<'a, 'l, L, H> {
     leg: Leg<'a>,
     link: &'l mut L,
     on_fall: OnFall,
-    epoch: u32,
+    run_id: u32,
     hooks: &'l mut H,
     sent: Sent,
     hold: Hold,
@@ -44,12 +44,12 @@ impl<'a, 'l, L: LegLink, H: Hooks> LegTask<'a, 'l, L, H> {
         options: Options,
         hooks: &'l mut H,
     ) -> Self {
-        let Options { epoch, on_fall } = options;
+        let Options { run id, on_fall } = options;
         Self {
-            leg: Leg::new(scenario, epoch),
+            leg: Leg::new(scenario, run_id),
             link,
             on_fall,
-            epoch,
+            run_id,
             hooks,
             sent: Sent::default(),
             hold: Hold::new(scenario.rate_hz),
@@ -76,8 +76,8 @@ impl<'a, 'l, L: LegLink, H: Hooks> LegTask<'a, 'l, L, H> {
     fn newest(&mut self) -> Result<Option<Command>, LinkError> {
         let last = self.last;
         let is_new = |command: &Command| {
-            let Header { epoch, seq, .. } = command.header;
-            last.is_none_or(|last| (last.epoch, last.seq) != (epoch, seq))
+            let Header { run id, seq, .. } = command.header;
+            last.is_none_or(|last| (last.run id, last.seq) != (run_id, seq))
         };
         let command = self.link.receive(Duration::ZERO)?.filter(is_new);
         self.last = command.map(|command| command.header).or(self.last);
@@ -111,7 +111,7 @@ impl<'a, 'l, L: LegLink, H: Hooks> LegTask<'a, 'l, L, H> {
         Done {
             word: if is_new { Word::New } else { Word::Stale },
             safe: is_safe,
-            epoch: self.epoch,
+            run_id: self.run_id,
             seq: self.leg.seq().saturating_sub(1),
             sample_age_ns: self.in_force.and_then(|header| self.sent.age_ns(&header, now_ns)),
             round_trip_ns: round_trip_ns.filter(|_| is_new),
@@ -127,7 +127,7 @@ impl<L: LegLink, H: Hooks> Task for LegTask<'_, '_, L, H> {
         if self.hooks.ends() {
             self.ending = Some(Ending::Stopped);
             self.link.send(&self.leg.farewell())?;
-            return Ok(Done { epoch: self.epoch, over: true, ..Done::default() });
+            return Ok(Done { run_id: self.run id, over: true, ..Done::default() });
         }
         self.hooks.steer(&mut self.leg);
         let command = self.newest()?;
@@ -135,10 +135,10 @@ impl<L: LegLink, H: Hooks> Task for LegTask<'_, '_, L, H> {
         let is_answered = command.is_some_and(|command| self.leg.is_answered_by(&command));
         match self.hold.tick(1 + at.missed, is_answered) {
             Held::Free => (),
-            Held::Quiet => return Ok(Done { epoch: self.epoch, ..Done::default() }),
+            Held::Quiet => return Ok(Done { run_id: self.run id, ..Done::default() }),
             Held::Speaks => {
                 self.say(clock)?;
-                return Ok(Done { epoch: self.epoch, ..Done::default() });
+                return Ok(Done { run_id: self.run id, ..Done::default() });
             }
         }
         // Time does not wait: what was slept through is played too, under what is known now.
@@ -150,8 +150,8 @@ impl<L: LegLink, H: Hooks> Task for LegTask<'_, '_, L, H> {
         match self.leg.ending() {
             None => self.say(clock)?,
             Some(Ending::Fall) if self.on_fall == OnFall::Restart => {
-                self.epoch = self.epoch.wrapping_add(1);
-                self.leg.restart(self.epoch);
+                self.run_id = self.run_id.wrapping_add(1);
+                self.leg.restart(self.run_id);
                 self.hold.begin();
                 self.in_force = None;
                 self.say(clock)?;
@@ -224,12 +224,12 @@ struct Sent([Option<(u32, u64, u64)>; REMEMBERED]);
 
 impl Sent {
     fn note(&mut self, header: &Header, now_ns: u64) {
-        self.0[header.seq as usize % REMEMBERED] = Some((header.epoch, header.seq, now_ns));
+        self.0[header.seq as usize % REMEMBERED] = Some((header.run id, header.seq, now_ns));
     }
 
-    /// Time since the sample with this epoch and number was sent, ns.
+    /// Time since the sample with this run id and number was sent, ns.
     fn age_ns(&self, header: &Header, now_ns: u64) -> Option<u64> {
-        let (epoch, seq, sent_ns) = self.0[header.seq as usize % REMEMBERED]?;
-        ((epoch, seq) == (header.epoch, header.seq)).then(|| now_ns.saturating_sub(sent_ns))
+        let (run id, seq, sent_ns) = self.0[header.seq as usize % REMEMBERED]?;
+        ((run id, seq) == (header.run_id, header.seq)).then(|| now_ns.saturating_sub(sent_ns))
     }
 }

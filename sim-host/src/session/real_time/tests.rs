@@ -72,7 +72,7 @@ fn play(
     hooks: &mut impl Hooks,
 ) -> (Outcome, Counters) {
     let mut link = Inline::new(law);
-    let mut task = LegTask::new(scenario, &mut link, Options { epoch: 1, on_fall }, hooks);
+    let mut task = LegTask::new(scenario, &mut link, Options { run_id: 1, on_fall }, hooks);
     let (mut log, _rows) = Log::new(scenario.rate_hz);
     let grid = Grid::of(Role::Leg, scenario.rate_hz);
     drive(clock, grid, &mut task, &mut log, &Stop::default()).unwrap();
@@ -172,10 +172,10 @@ fn a_silent_controller_leaves_the_leg_safe_after_ten_ticks() {
 
 #[test]
 fn a_leg_that_falls_is_put_back_to_its_start_when_asked_to() {
-    let mut epochs = Vec::new();
+    let mut run_ids = Vec::new();
     let lying = |sample: &Sample| {
-        if sample.header.flags & flags::END == 0 && epochs.last() != Some(&sample.header.epoch) {
-            epochs.push(sample.header.epoch);
+        if sample.header.flags & flags::END == 0 && run_ids.last() != Some(&sample.header.run_id) {
+            run_ids.push(sample.header.run_id);
         }
         Command { leg_angle_rad: 0.0, ..law(sample) }
     };
@@ -184,7 +184,7 @@ fn a_leg_that_falls_is_put_back_to_its_start_when_asked_to() {
     assert_eq!((outcome.ending, outcome.ticks), (Ending::Duration, 5000));
     assert!(outcome.restarts >= 3, "{}", outcome.restarts);
     assert_eq!(outcome.report().falls, outcome.restarts);
-    assert_eq!(epochs, (1..=outcome.restarts + 1).collect::<Vec<_>>());
+    assert_eq!(run_ids, (1..=outcome.restarts + 1).collect::<Vec<_>>());
     assert_eq!(c.heard + c.stale + c.idle, c.ticks);
 
     let lying = |sample: &Sample| Command { leg_angle_rad: 0.0, ..law(sample) };
@@ -197,7 +197,7 @@ fn a_leg_is_held_until_it_is_commanded_but_not_for_ever() {
     // A controller that answers only another run's samples.
     let foreign = |sample: &Sample| {
         let mut command = law(sample);
-        command.header.epoch += 1;
+        command.header.run_id += 1;
         command
     };
     let short = scenario("duration_s = 0.5");

@@ -32,7 +32,7 @@ fn hopping(seconds: u32) -> Scene {
         }
         if tick.seq % 100 == 0 {
             scene.take_leg(
-                Some(status(tick.sample.header.epoch, tick.t_s, tick.body.x_m)),
+                Some(status(tick.sample.header.run_id, tick.t_s, tick.body.x_m)),
                 Instant::now(),
             );
         }
@@ -41,14 +41,14 @@ fn hopping(seconds: u32) -> Scene {
     scene
 }
 
-fn status(epoch: u32, t_s: f64, x_m: f64) -> LegStatus {
+fn status(run_id: u32, t_s: f64, x_m: f64) -> LegStatus {
     LegStatus {
         pid: 1,
         rate_hz: 1000,
         pace: Pace::LockStep,
         is_paused: true,
         ordered_m_s: None,
-        epoch,
+        run_id,
         seq: 0,
         t_s,
         x_m,
