@@ -57,8 +57,8 @@ impl Play {
             density_ratio: self.density_ratio as f32,
         });
         let action = Action {
-            alpha_rad: action.touchdown_angle_rad.into(),
-            rs_m_s: action.elongation_speed_m_s.into(),
+            touchdown_angle_rad: action.touchdown_angle_rad.into(),
+            elongation_speed_m_s: action.elongation_speed_m_s.into(),
         };
         Hopper::new(&Leg::human(), self.medium()).hop(apex, action).outcome.next()
     }

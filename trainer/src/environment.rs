@@ -78,7 +78,7 @@ impl Reward {
         }
         let stopping = libm::log10(1.0 + 1.0 / next.vx_m_s.abs()).min(self.cap);
         let air = 1.0 - density_ratio;
-        let elongation = self.elongation * (air * air).powi(5) * action.rs_m_s;
+        let elongation = self.elongation * (air * air).powi(5) * action.elongation_speed_m_s;
         let missing = (self.height_m - next.y_m) / (self.height_m - LOWEST_APEX_M);
         stopping - elongation - self.height * missing.max(0.0)
     }
@@ -206,9 +206,9 @@ impl<'a> Environment<'a> {
     /// One step with an action in rad and m/s, clipped to the leg's bounds.
     pub fn act(&mut self, action: [f64; 2]) -> Outcome {
         let n = &self.config.network;
-        let [alpha_rad, rs_m_s] = [0, 1]
+        let [touchdown_angle_rad, elongation_speed_m_s] = [0, 1]
             .map(|i| action[i].clamp(f64::from(n.action_low[i]), f64::from(n.action_high[i])));
-        let action = Action { alpha_rad, rs_m_s };
+        let action = Action { touchdown_angle_rad, elongation_speed_m_s };
         let next = self.hopper.hop(self.apex, action).outcome.next();
         let reward = match self.lead {
             None => self.config.reward.of(action, next, self.start.density_ratio),
@@ -237,7 +237,7 @@ mod tests {
     #[test]
     fn rewards_are_those_of_the_published_data() {
         let reward = Preset::Air.config().reward;
-        let action = Action { alpha_rad: 1.5, rs_m_s: 1.0 };
+        let action = Action { touchdown_angle_rad: 1.5, elongation_speed_m_s: 1.0 };
         let at = |vx_m_s, y_m| reward.of(action, Some(Apex { vx_m_s, y_m }), 0.0);
         assert_eq!(at(1.0, 2.0), 2_f64.log10());
         assert_eq!(at(-1.0, 2.0), at(1.0, 2.0));

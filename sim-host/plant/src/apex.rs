@@ -32,9 +32,9 @@ pub struct Apex {
 pub struct Action {
     /// Angle of the leg at touchdown from the +x axis; over pi/2 the foot lands ahead of the
     /// mass, towards +x.
-    pub alpha_rad: f64,
+    pub touchdown_angle_rad: f64,
     /// Speed at which the rest length grows from touchdown on; below 0 counts as 0.
-    pub rs_m_s: f64,
+    pub elongation_speed_m_s: f64,
 }
 
 /// Local error of the stance integrator: what a step may leave out of a velocity.
@@ -162,7 +162,8 @@ impl Hopper {
     pub fn hop(&self, start: Apex, action: Action) -> Hop {
         let mut hop =
             Hop { outcome: Outcome::Fall, stance_phases: 0, touchdown: None, liftoff_t_s: None };
-        let inputs = [start.vx_m_s, start.y_m, action.alpha_rad, action.rs_m_s];
+        let inputs =
+            [start.vx_m_s, start.y_m, action.touchdown_angle_rad, action.elongation_speed_m_s];
         if inputs.iter().all(|x| x.is_finite())
             && let Outcome::Apex(next) = self.follow(start, action, &mut hop)
             && [next.t_s, next.x_m, next.vx_m_s, next.y_m].iter().all(|x| x.is_finite())
@@ -174,13 +175,13 @@ impl Hopper {
 
     /// Alternates flights and stances; notes the first stance in `hop`.
     fn follow(&self, start: Apex, action: Action, hop: &mut Hop) -> Outcome {
-        let (sin, cos) = libm::sincos(action.alpha_rad);
+        let (sin, cos) = libm::sincos(action.touchdown_angle_rad);
         let reach_m = [self.rest_length_m * cos, self.rest_length_m * sin];
         let elongation = Elongation {
             rest_length_m: self.rest_length_m,
             max_m: self.max_elongation_m,
             start_m: 0.0,
-            rate_m_s: action.rs_m_s.max(0.0),
+            rate_m_s: action.elongation_speed_m_s.max(0.0),
         };
         let (mut t_s, mut x_m, mut y_m) = (0.0, 0.0, start.y_m);
         let (mut vx_m_s, mut sinking_m_s) = (start.vx_m_s, 0.0);

@@ -16,7 +16,7 @@
 //!
 //! let hopper = Hopper::new(&Leg::human(), Medium::AIR);
 //! let start = Apex { vx_m_s: 0.5, y_m: 2.0 };
-//! let hop = hopper.hop(start, Action { alpha_rad: 1.6, rs_m_s: 0.0 });
+//! let hop = hopper.hop(start, Action { touchdown_angle_rad: 1.6, elongation_speed_m_s: 0.0 });
 //! assert!(hop.outcome.next().is_some());
 //! ```
 //!

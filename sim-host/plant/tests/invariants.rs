@@ -5,9 +5,16 @@ use std::f64::consts::PI;
 use leg_plant::{Action, Apex, Hop, Hopper, Leg, Medium, NextApex, Outcome, Tolerance};
 use proptest::prelude::*;
 
-fn hop(rho: f64, vx_m_s: f64, y_m: f64, alpha_rad: f64, rs_m_s: f64) -> Hop {
+fn hop(
+    rho: f64,
+    vx_m_s: f64,
+    y_m: f64,
+    touchdown_angle_rad: f64,
+    elongation_speed_m_s: f64,
+) -> Hop {
     let medium = Medium::new(rho, 9.81).unwrap();
-    Hopper::new(&Leg::human(), medium).hop(Apex { vx_m_s, y_m }, Action { alpha_rad, rs_m_s })
+    Hopper::new(&Leg::human(), medium)
+        .hop(Apex { vx_m_s, y_m }, Action { touchdown_angle_rad, elongation_speed_m_s })
 }
 
 fn next(hop: &Hop) -> Option<NextApex> {
@@ -97,7 +104,7 @@ proptest! {
         let medium = Medium::new(rho, 9.81).unwrap();
         let hopper = Hopper::new(&Leg::human(), medium);
         let start = Apex { vx_m_s: vx, y_m: y };
-        let action = Action { alpha_rad: 0.5 * PI + tilt, rs_m_s: rs };
+        let action = Action { touchdown_angle_rad: 0.5 * PI + tilt, elongation_speed_m_s: rs };
         let fine = hopper.hop(start, action);
         let coarse = hopper.with_tolerance(Tolerance::TRAINING).hop(start, action);
         if let (Some(fine), Some(coarse)) = (next(&fine), next(&coarse)) {
@@ -122,7 +129,7 @@ fn the_crab_hops() {
     let crab = Leg::crab();
     let hopper = Hopper::new(&crab, Medium::WATER);
     let start = Apex { vx_m_s: 0.05, y_m: 0.06 };
-    let action = Action { alpha_rad: 1.5, rs_m_s: 0.2 };
+    let action = Action { touchdown_angle_rad: 1.5, elongation_speed_m_s: 0.2 };
     let next = hopper.hop(start, action).outcome.next().unwrap();
     assert!(next.y_m > 0.04 && next.y_m < 0.1, "{next:?}");
 }

@@ -27,9 +27,9 @@ fn drive(case: &Case, hop: &Hop, dt_s: f64) -> End {
     for tick in 0.. {
         let from_s = f64::from(tick) * dt_s;
         let command = LegCommand {
-            leg_angle_rad: case.action.alpha_rad,
-            elongation_m: case.action.rs_m_s * (from_s - touchdown_s),
-            elongation_rate_m_s: case.action.rs_m_s,
+            leg_angle_rad: case.action.touchdown_angle_rad,
+            elongation_m: case.action.elongation_speed_m_s * (from_s - touchdown_s),
+            elongation_rate_m_s: case.action.elongation_speed_m_s,
         };
         let in_stance = matches!(plant.phase(), Phase::Stance { .. });
         let mut down = in_stance;

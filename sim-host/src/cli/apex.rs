@@ -228,7 +228,7 @@ fn hop([m, k, g, rho, vx, y, alpha, rs]: [f64; 8]) -> anyhow::Result<Hop> {
     let leg = Leg::new(parameters).map_err(misuse)?;
     let medium = Medium::new(rho, g).map_err(misuse)?;
     let start = Apex { vx_m_s: vx, y_m: y };
-    let action = Action { alpha_rad: alpha, rs_m_s: rs };
+    let action = Action { touchdown_angle_rad: alpha, elongation_speed_m_s: rs };
     Ok(Hopper::new(&leg, medium).hop(start, action))
 }
 

@@ -166,7 +166,7 @@ mod tests {
     fn the_papers_spring_is_the_leg_at_home() {
         let (leg, medium) = Condition::on_land(Change::Stiffness(20_000.0)).leg_and_medium();
         let apex = Apex { vx_m_s: 0.3, y_m: 2.0 };
-        let action = Action { alpha_rad: 1.6, rs_m_s: 0.1 };
+        let action = Action { touchdown_angle_rad: 1.6, elongation_speed_m_s: 0.1 };
         let hop = |hopper: &Hopper| hopper.hop(apex, action).outcome.next();
         assert_eq!(hop(&Hopper::new(&leg, medium)), hop(&hopper(0.0)));
     }

@@ -40,8 +40,8 @@ pub fn act(actor: &Actor<'_>, density_ratio: f64, apex: Apex, offset_m_s: f32) -
         density_ratio: density_ratio as f32,
     });
     Action {
-        alpha_rad: f64::from(action.touchdown_angle_rad),
-        rs_m_s: f64::from(action.elongation_speed_m_s),
+        touchdown_angle_rad: f64::from(action.touchdown_angle_rad),
+        elongation_speed_m_s: f64::from(action.elongation_speed_m_s),
     }
 }
 

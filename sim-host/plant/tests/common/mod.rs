@@ -67,7 +67,10 @@ impl Case {
             leg: Leg::new(parameters).unwrap(),
             medium: Medium::new(row.number("rho"), gravity_m_s2).unwrap(),
             start: Apex { vx_m_s: row.number("vx"), y_m: row.number("y") },
-            action: Action { alpha_rad: row.number("alpha"), rs_m_s: row.number("rs") },
+            action: Action {
+                touchdown_angle_rad: row.number("alpha"),
+                elongation_speed_m_s: row.number("rs"),
+            },
         }
     }
 

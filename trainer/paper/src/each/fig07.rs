@@ -181,7 +181,8 @@ impl Habits {
             v.iter().map(|v| v.abs()).sum::<f64>() / v.len().max(1) as f64
         };
         let periods: Vec<Option<usize>> = standing.iter().map(|run| period(run)).collect();
-        let rs: Vec<f64> = runs.iter().flat_map(|run| &run.actions).map(|a| a.rs_m_s).collect();
+        let rs: Vec<f64> =
+            runs.iter().flat_map(|run| &run.actions).map(|a| a.elongation_speed_m_s).collect();
         let [low, high] = [ACTION_LOW[1], ACTION_HIGH[1]].map(f64::from);
         let at = |bound: f64| share(rs.iter().filter(|rs| **rs == bound).count(), rs.len());
         Self {
@@ -300,8 +301,10 @@ type Quantity = (&'static str, fn(&Flown) -> Vec<f64>);
 const QUANTITIES: [Quantity; 4] = [
     ("velocity, m/s", |run| run.apexes.iter().map(|a| a.vx_m_s).collect()),
     ("height, m", |run| run.apexes.iter().map(|a| a.y_m).collect()),
-    ("touchdown angle, deg", |run| run.actions.iter().map(|a| a.alpha_rad.to_degrees()).collect()),
-    ("elongation speed, m/s", |run| run.actions.iter().map(|a| a.rs_m_s).collect()),
+    ("touchdown angle, deg", |run| {
+        run.actions.iter().map(|a| a.touchdown_angle_rad.to_degrees()).collect()
+    }),
+    ("elongation speed, m/s", |run| run.actions.iter().map(|a| a.elongation_speed_m_s).collect()),
 ];
 
 fn draw(cases: &[Case; 3]) -> Result<String, FiguresError> {
@@ -357,8 +360,9 @@ fn table(cases: &[Case; 3]) -> String {
         for (whose, start, run) in case.runs() {
             for (i, apex) in run.apexes.iter().enumerate() {
                 let action = run.actions.get(i);
-                let [alpha, rs] = [action.map(|a| a.alpha_rad), action.map(|a| a.rs_m_s)]
-                    .map(|value| value.map(|v| v.to_string()).unwrap_or_default());
+                let [alpha, rs] =
+                    [action.map(|a| a.touchdown_angle_rad), action.map(|a| a.elongation_speed_m_s)]
+                        .map(|value| value.map(|v| v.to_string()).unwrap_or_default());
                 let _ = writeln!(
                     csv,
                     "{},{whose},{},{},{i},{},{},{alpha},{rs}",
@@ -380,11 +384,11 @@ mod tests {
     use leg_plant::Action;
 
     /// A run with these velocities over and over, after one that is fast.
-    fn run(cycle: &[f64], rs_m_s: f64, fell: bool) -> Flown {
+    fn run(cycle: &[f64], elongation_speed_m_s: f64, fell: bool) -> Flown {
         let v = std::iter::once(3.0).chain(cycle.iter().copied().cycle().take(HOPS));
         let apexes: Vec<Apex> = v.map(|vx_m_s| Apex { vx_m_s, y_m: 2.0 }).collect();
         let apexes = if fell { apexes[..4].to_vec() } else { apexes };
-        let actions = vec![Action { alpha_rad: 1.5, rs_m_s }; apexes.len()];
+        let actions = vec![Action { touchdown_angle_rad: 1.5, elongation_speed_m_s }; apexes.len()];
         Flown { apexes, actions, fell }
     }
 

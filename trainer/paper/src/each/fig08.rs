@@ -219,14 +219,14 @@ fn acted(actor: &Frozen, density: f64, best: &[Best]) -> Vec<Acted> {
             density_ratio: density as f32,
         });
         let (alpha, rs) = (action.touchdown_angle_rad, action.elongation_speed_m_s);
-        Action { alpha_rad: f64::from(alpha), rs_m_s: f64::from(rs) }
+        Action { touchdown_angle_rad: f64::from(alpha), elongation_speed_m_s: f64::from(rs) }
     };
     let each = best.par_iter().map(|best| {
         let step = Step { hopper, start: best.state };
-        let Action { alpha_rad, rs_m_s } = act(best.state);
+        let Action { touchdown_angle_rad, elongation_speed_m_s } = act(best.state);
         let mut set = best.fine.clone();
         if best.least() < STOP_M_S {
-            set.extend(step.stops_at(rs_m_s));
+            set.extend(step.stops_at(elongation_speed_m_s));
         }
         if set.is_empty() {
             set.extend(Some(best.pattern()).filter(|pattern| pattern.speed_m_s.is_finite()));
@@ -237,8 +237,8 @@ fn acted(actor: &Frozen, density: f64, best: &[Best]) -> Vec<Acted> {
             state = state.filter(|state| state.y_m >= trainer::environment::LOWEST_APEX_M);
         }
         Acted {
-            tried: step.tried(alpha_rad, rs_m_s),
-            distance: distance(alpha_rad, rs_m_s, &set),
+            tried: step.tried(touchdown_angle_rad, elongation_speed_m_s),
+            distance: distance(touchdown_angle_rad, elongation_speed_m_s, &set),
             after_m_s: state.map_or(f64::INFINITY, |state| state.vx_m_s.abs()),
         }
     });
@@ -367,7 +367,7 @@ fn draw(
     let [alpha, _] = bounds();
     let columns = |name: &str| format!("{medium}: {name}");
     let angle = |tried: Tried| {
-        if tried.speed_m_s.is_finite() { tried.alpha_rad } else { f64::NAN }
+        if tried.speed_m_s.is_finite() { tried.touchdown_angle_rad } else { f64::NAN }
     };
     let angles = |title: String, values| panel(title, "alpha, rad", values, alpha.clone());
     let rewards = |title: String, values| panel(title, "reward", values, 0.0..2.5);
@@ -379,7 +379,10 @@ fn draw(
         vec![rewards(columns("best step"), best.iter().map(|best| reward(best.least())).collect())];
     for (who, acted) in acted {
         let all = acted.iter().map(|a| a.tried);
-        upper.push(angles(columns(who), all.clone().map(|tried| tried.alpha_rad).collect()));
+        upper.push(angles(
+            columns(who),
+            all.clone().map(|tried| tried.touchdown_angle_rad).collect(),
+        ));
         lower.push(rewards(columns(who), all.map(|tried| reward(tried.speed_m_s)).collect()));
     }
     [upper, lower]
@@ -389,11 +392,12 @@ fn write_rows(csv: &mut String, medium: &str, best: &[Best], acted: &[(&str, Vec
     for (i, best) in best.iter().enumerate() {
         let Apex { vx_m_s, y_m } = best.state;
         let mut row = |who: &str, tried: Tried, rest: &str| {
-            let Tried { alpha_rad, rs_m_s, speed_m_s } = tried;
+            let Tried { touchdown_angle_rad, elongation_speed_m_s, speed_m_s } = tried;
             let who = who.replace('\'', "").replace(' ', "_");
             let _ = writeln!(
                 csv,
-                "{medium},{who},{vx_m_s},{y_m},{alpha_rad},{rs_m_s},{speed_m_s},{rest}"
+                "{medium},{who},{vx_m_s},{y_m},{touchdown_angle_rad},{elongation_speed_m_s},\
+                 {speed_m_s},{rest}"
             );
         };
         row("pattern search", best.pattern(), ",");
@@ -412,8 +416,8 @@ fn write_rows(csv: &mut String, medium: &str, best: &[Best], acted: &[(&str, Vec
 mod tests {
     use super::*;
 
-    fn tried(alpha_rad: f64, speed_m_s: f64) -> Tried {
-        Tried { alpha_rad, rs_m_s: 0.0, speed_m_s }
+    fn tried(touchdown_angle_rad: f64, speed_m_s: f64) -> Tried {
+        Tried { touchdown_angle_rad, elongation_speed_m_s: 0.0, speed_m_s }
     }
 
     fn best(fine: f64, patterns: [f64; 3]) -> Best {

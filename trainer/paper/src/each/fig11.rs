@@ -341,7 +341,7 @@ mod tests {
     #[test]
     fn a_body_at_home_is_the_papers_leg() {
         let start = Apex { vx_m_s: 0.4, y_m: 2.0 };
-        let action = leg_plant::Action { alpha_rad: 1.6, rs_m_s: 0.3 };
+        let action = leg_plant::Action { touchdown_angle_rad: 1.6, elongation_speed_m_s: 0.3 };
         for (_, medium) in MEDIA {
             let home = other_leg(HOME[0], HOME[1], medium).hop(start, action);
             assert_eq!(home, hopper(medium.density_ratio()).hop(start, action));

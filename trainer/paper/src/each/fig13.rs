@@ -232,9 +232,9 @@ fn stride(x_m: f64, apex: Apex, action: Action, medium: Medium) -> Option<Stride
             break;
         }
         let command = LegCommand {
-            leg_angle_rad: action.alpha_rad,
-            elongation_m: action.rs_m_s * (from_s - touchdown.t_s),
-            elongation_rate_m_s: action.rs_m_s,
+            leg_angle_rad: action.touchdown_angle_rad,
+            elongation_m: action.elongation_speed_m_s * (from_s - touchdown.t_s),
+            elongation_rate_m_s: action.elongation_speed_m_s,
         };
         for event in &*plant.step(STEP_S, command, medium, &Flat) {
             let body = event.body;
@@ -384,8 +384,10 @@ mod tests {
 
     #[test]
     fn a_stride_ends_where_the_apex_map_does() {
-        let (apex, action) =
-            (Apex { vx_m_s: 1.0, y_m: 2.0 }, Action { alpha_rad: 1.65, rs_m_s: 0.2 });
+        let (apex, action) = (
+            Apex { vx_m_s: 1.0, y_m: 2.0 },
+            Action { touchdown_angle_rad: 1.65, elongation_speed_m_s: 0.2 },
+        );
         for (_, medium) in MEDIA {
             let stride = stride(3.0, apex, action, medium).unwrap();
             let hop = hopper(medium.density_ratio()).hop(apex, action);

@@ -45,8 +45,8 @@ impl Plane {
             range.start + (i as f64 + 0.5) / of as f64 * (range.end - range.start)
         };
         (0..self.angles * self.speeds).map(move |cell| Action {
-            alpha_rad: middle(&alpha, cell / self.speeds, self.angles),
-            rs_m_s: middle(&rs, cell % self.speeds, self.speeds),
+            touchdown_angle_rad: middle(&alpha, cell / self.speeds, self.angles),
+            elongation_speed_m_s: middle(&rs, cell % self.speeds, self.speeds),
         })
     }
 }

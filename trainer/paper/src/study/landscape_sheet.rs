@@ -30,7 +30,7 @@ pub(crate) fn sheet(
         for density in DRAWN {
             let rewards = objective.rewards(&hops(plane, start, density), plane, density);
             for (action, reward) in plane.actions().zip(&rewards) {
-                let (alpha, rs) = (action.alpha_rad, action.rs_m_s);
+                let (alpha, rs) = (action.touchdown_angle_rad, action.elongation_speed_m_s);
                 let _ = writeln!(csv, "reward,{i},{density},{alpha:.5},{rs:.4},{reward:.4}");
             }
             let [alpha, rs] = bounds();

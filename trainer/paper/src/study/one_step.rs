@@ -21,9 +21,9 @@ const ANGLES: usize = 200;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Tried {
     /// Touchdown angle, rad.
-    pub(crate) alpha_rad: f64,
+    pub(crate) touchdown_angle_rad: f64,
     /// Elongation speed, m/s.
-    pub(crate) rs_m_s: f64,
+    pub(crate) elongation_speed_m_s: f64,
     /// What is left of the speed, m/s.
     pub(crate) speed_m_s: f64,
 }
@@ -39,14 +39,24 @@ pub(crate) struct Step {
 
 impl Step {
     /// The velocity at the next apex, if that is one to go on from.
-    pub(crate) fn velocity(&self, alpha_rad: f64, rs_m_s: f64) -> Option<f64> {
-        let next = self.hopper.hop(self.start, Action { alpha_rad, rs_m_s }).outcome.next()?;
+    pub(crate) fn velocity(
+        &self,
+        touchdown_angle_rad: f64,
+        elongation_speed_m_s: f64,
+    ) -> Option<f64> {
+        let next = self
+            .hopper
+            .hop(self.start, Action { touchdown_angle_rad, elongation_speed_m_s })
+            .outcome
+            .next()?;
         (next.y_m >= LOWEST_APEX_M).then_some(next.vx_m_s)
     }
 
-    pub(crate) fn tried(&self, alpha_rad: f64, rs_m_s: f64) -> Tried {
-        let speed_m_s = self.velocity(alpha_rad, rs_m_s).map_or(f64::INFINITY, f64::abs);
-        Tried { alpha_rad, rs_m_s, speed_m_s }
+    pub(crate) fn tried(&self, touchdown_angle_rad: f64, elongation_speed_m_s: f64) -> Tried {
+        let speed_m_s = self
+            .velocity(touchdown_angle_rad, elongation_speed_m_s)
+            .map_or(f64::INFINITY, f64::abs);
+        Tried { touchdown_angle_rad, elongation_speed_m_s, speed_m_s }
     }
 
     /// Pattern search: from a place in the plane, 0 to 1 on both axes, a step
@@ -77,11 +87,11 @@ impl Step {
 
     /// The angles that stop at one elongation speed: wherever the velocity
     /// changes its sign between neighbouring angles, by bisection.
-    pub(crate) fn stops_at(&self, rs_m_s: f64) -> Vec<Tried> {
+    pub(crate) fn stops_at(&self, elongation_speed_m_s: f64) -> Vec<Tried> {
         let [range, _] = bounds();
         let angle = |i: usize| range.start + i as f64 / ANGLES as f64 * (range.end - range.start);
         let tried: Vec<Option<f64>> =
-            (0..=ANGLES).map(|i| self.velocity(angle(i), rs_m_s)).collect();
+            (0..=ANGLES).map(|i| self.velocity(angle(i), elongation_speed_m_s)).collect();
         let brackets = tried.windows(2).enumerate().filter_map(|(i, pair)| match pair {
             [Some(a), Some(b)] if (*a < 0.0) != (*b < 0.0) => Some((i, *a)),
             _ => None,
@@ -90,11 +100,13 @@ impl Step {
             let (mut low, mut high) = (angle(i), angle(i + 1));
             for _ in 0..BISECTIONS {
                 let middle = f64::midpoint(low, high);
-                let same =
-                    self.velocity(middle, rs_m_s).is_some_and(|v| (v < 0.0) == (at_low < 0.0));
+                let same = self
+                    .velocity(middle, elongation_speed_m_s)
+                    .is_some_and(|v| (v < 0.0) == (at_low < 0.0));
                 if same { low = middle } else { high = middle }
             }
-            let [a, b] = [low, high].map(|alpha_rad| self.tried(alpha_rad, rs_m_s));
+            let [a, b] = [low, high]
+                .map(|touchdown_angle_rad| self.tried(touchdown_angle_rad, elongation_speed_m_s));
             if b.speed_m_s < a.speed_m_s { b } else { a }
         });
         // Where the velocity jumps over 0, nothing stops.
@@ -113,13 +125,15 @@ impl Step {
             return stops;
         }
         let [alpha, rs] = bounds();
-        let mut cells: Vec<Tried> =
-            grid.actions().map(|action| self.tried(action.alpha_rad, action.rs_m_s)).collect();
+        let mut cells: Vec<Tried> = grid
+            .actions()
+            .map(|action| self.tried(action.touchdown_angle_rad, action.elongation_speed_m_s))
+            .collect();
         cells.sort_by(|a, b| a.speed_m_s.total_cmp(&b.speed_m_s));
         let refined = cells.iter().take(8).filter(|cell| cell.speed_m_s.is_finite()).map(|cell| {
             let from = [
-                (cell.alpha_rad - alpha.start) / (alpha.end - alpha.start),
-                (cell.rs_m_s - rs.start) / (rs.end - rs.start),
+                (cell.touchdown_angle_rad - alpha.start) / (alpha.end - alpha.start),
+                (cell.elongation_speed_m_s - rs.start) / (rs.end - rs.start),
             ];
             self.pattern_search(from, 1.0 / grid.angles as f64)
         });
@@ -129,11 +143,11 @@ impl Step {
 
 /// How far an action lies from the nearest of a set, in parts of the plane:
 /// 1 is from end to end of an axis. NaN where the set is empty.
-pub(crate) fn distance(alpha_rad: f64, rs_m_s: f64, set: &[Tried]) -> f64 {
+pub(crate) fn distance(touchdown_angle_rad: f64, elongation_speed_m_s: f64, set: &[Tried]) -> f64 {
     let [alpha, rs] = bounds();
     let each = set.iter().map(|best| {
-        let across = (alpha_rad - best.alpha_rad) / (alpha.end - alpha.start);
-        across.hypot((rs_m_s - best.rs_m_s) / (rs.end - rs.start))
+        let across = (touchdown_angle_rad - best.touchdown_angle_rad) / (alpha.end - alpha.start);
+        across.hypot((elongation_speed_m_s - best.elongation_speed_m_s) / (rs.end - rs.start))
     });
     each.fold(f64::NAN, f64::min)
 }
@@ -157,7 +171,8 @@ mod tests {
             let step = step(density, 0.0, 1.5);
             let stops = step.best(GRID);
             assert!(stops.iter().all(|stop| stop.speed_m_s < STOP_M_S));
-            let upright = stops.iter().any(|stop| (stop.alpha_rad - FRAC_PI_2).abs() < 1e-5);
+            let upright =
+                stops.iter().any(|stop| (stop.touchdown_angle_rad - FRAC_PI_2).abs() < 1e-5);
             assert!(upright, "{stops:?}");
             let found = step.pattern_search([0.45, 0.5], 0.25);
             assert!(found.speed_m_s < STOP_M_S, "{found:?}");
@@ -170,12 +185,12 @@ mod tests {
         let stops = step.stops_at(0.0);
         assert!(!stops.is_empty());
         for stop in &stops {
-            let again = step.tried(stop.alpha_rad, stop.rs_m_s);
+            let again = step.tried(stop.touchdown_angle_rad, stop.elongation_speed_m_s);
             assert_eq!(again, *stop);
-            assert!(step.tried(stop.alpha_rad + 0.05, 0.0).speed_m_s > STOP_M_S);
+            assert!(step.tried(stop.touchdown_angle_rad + 0.05, 0.0).speed_m_s > STOP_M_S);
         }
         // The foot comes down ahead of the mass to brake it.
-        assert!(stops.iter().any(|stop| stop.alpha_rad > FRAC_PI_2));
+        assert!(stops.iter().any(|stop| stop.touchdown_angle_rad > FRAC_PI_2));
     }
 
     #[test]
@@ -189,9 +204,13 @@ mod tests {
     #[test]
     fn distances_are_in_parts_of_the_plane() {
         let [alpha, rs] = bounds();
-        let corner = Tried { alpha_rad: alpha.start, rs_m_s: rs.start, speed_m_s: 0.0 };
+        let corner = Tried {
+            touchdown_angle_rad: alpha.start,
+            elongation_speed_m_s: rs.start,
+            speed_m_s: 0.0,
+        };
         assert!((distance(alpha.end, rs.start, &[corner]) - 1.0).abs() < 1e-12);
-        let other = Tried { rs_m_s: rs.end, ..corner };
+        let other = Tried { elongation_speed_m_s: rs.end, ..corner };
         assert!((distance(alpha.start, 0.75 * rs.end, &[corner, other]) - 0.25).abs() < 1e-12);
     }
 }
