@@ -8,7 +8,7 @@ use serde::Deserialize;
 /// Every path that the code map names exists.
 #[test]
 fn every_path_that_the_architecture_names_exists() {
-    let text = std::fs::read_to_string(tests::root().join("ARCHITECTURE.md")).unwrap();
+    let text = std::fs::read_to_string(harness::root().join("ARCHITECTURE.md")).unwrap();
     let is_path = |word: &&str| {
         word.contains('/') && word.chars().all(|c| c.is_alphanumeric() || "/._-".contains(c))
     };
@@ -18,7 +18,7 @@ fn every_path_that_the_architecture_names_exists() {
         "only {} paths found: is the map still written in `code`?",
         paths.len()
     );
-    let missing: Vec<_> = paths.iter().filter(|p| !tests::root().join(p).exists()).collect();
+    let missing: Vec<_> = paths.iter().filter(|p| !harness::root().join(p).exists()).collect();
     assert!(missing.is_empty(), "ARCHITECTURE.md names what is not there: {missing:?}");
 }
 
@@ -78,7 +78,7 @@ struct Dependency {
 fn dependencies() -> BTreeMap<String, BTreeSet<String>> {
     let output = Command::new(env!("CARGO"))
         .args(["metadata", "--format-version", "1", "--no-deps"])
-        .current_dir(tests::root())
+        .current_dir(harness::root())
         .output()
         .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));

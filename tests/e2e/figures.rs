@@ -6,11 +6,11 @@ use std::fs;
 use std::path::Path;
 use std::time::SystemTime;
 
-use tests::browser;
+use harness::browser;
 
 /// Makes some figures: their files but for the report, which has a time.
 fn make(only: &str, threads: &str, folder: &Path) -> BTreeMap<String, String> {
-    let made = tests::program("paper-figures")
+    let made = harness::program("paper-figures")
         .args(["--quick", "--only", only, "--out"])
         .arg(folder)
         .env("RAYON_NUM_THREADS", threads)
@@ -62,7 +62,7 @@ fn the_report_shows_every_figure_without_a_word_on_the_console() {
     let browser = browser::installed()
         .expect("Chromium is not installed; `cargo xtask setup` installs it, or says how");
     let folder = tempfile::tempdir().unwrap();
-    let made = tests::program("paper-figures")
+    let made = harness::program("paper-figures")
         .args(["--quick", "--out"])
         .arg(folder.path())
         .output()
@@ -100,7 +100,7 @@ fn the_report_shows_every_figure_without_a_word_on_the_console() {
 #[test]
 fn figures_that_are_not_there_are_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let refused = tests::program("paper-figures")
+    let refused = harness::program("paper-figures")
         .args(["--only", "3,2", "--out"])
         .arg(folder.path().join("out"))
         .output()

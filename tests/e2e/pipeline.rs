@@ -12,7 +12,7 @@ fn run(command: &mut Command) -> (String, String, Option<i32>) {
 
 fn train(folder: &Path, name: &str) -> Vec<u8> {
     let path = folder.join(name);
-    let (_, said, status) = run(tests::program("trainer")
+    let (_, said, status) = run(harness::program("trainer")
         .args(["train", "--preset", "robust", "--seed", "3", "--steps", "9000"])
         .args(["--eval-starts", "0", "--out"])
         .arg(&path));
@@ -29,7 +29,7 @@ fn a_policy_is_trained_evaluated_and_flown_by_a_controller_of_its_own() {
     assert!(log.lines().count() > 500, "a row for every episode");
     let policy = folder.path().join("policy.bin");
 
-    let (json, said, status) = run(tests::program("trainer")
+    let (json, said, status) = run(harness::program("trainer")
         .args(["eval", "--json", "--starts", "40", "--policy"])
         .arg(&policy));
     assert_eq!(status, Some(0), "{said}");
@@ -42,16 +42,17 @@ fn a_policy_is_trained_evaluated_and_flown_by_a_controller_of_its_own() {
 
     // Two programs, started apart, meet in shared memory.
     let domain = format!("pipeline-{}", std::process::id());
-    let mut controller = tests::program("controller")
+    let mut controller = harness::program("controller")
         .args(["--once", "--domain", &domain, "--policy"])
         .arg(&policy)
         .stdout(Stdio::piped())
         .spawn()
         .expect("the controller starts");
     let flight = ["run", "--medium", "water", "--duration", "20", "--set-point", "0.3", "--json"];
-    let (apart, said, _) = run(tests::program("sim-host").args(flight).args(["--domain", &domain]));
+    let (apart, said, _) =
+        run(harness::program("sim-host").args(flight).args(["--domain", &domain]));
     assert!(controller.wait().expect("the controller ends").success());
-    let (together, _, _) = run(tests::program("sim-host")
+    let (together, _, _) = run(harness::program("sim-host")
         .args(flight)
         .arg("--in-process")
         .arg("--policy")
@@ -71,11 +72,11 @@ fn what_the_trainer_infers_is_what_the_shipped_policy_says() {
     let folder = tempfile::tempdir().unwrap();
     let observations = folder.path().join("obs.csv");
     std::fs::write(&observations, "vx,y,rho\n0.5,2,0\n-1.25,1.5,1\n").unwrap();
-    let (csv, said, status) = run(tests::program("trainer")
+    let (csv, said, status) = run(harness::program("trainer")
         .args(["infer", "--input"])
         .arg(&observations)
         .arg("--policy")
-        .arg(tests::root().join("controller/policies/robust.bin")));
+        .arg(harness::root().join("controller/policies/robust.bin")));
     assert_eq!(status, Some(0), "{said}");
     let policy = Policy::parse(SHIPPED).unwrap();
     let mut rows = csv.lines();

@@ -11,7 +11,12 @@ use std::process::Output;
 const GOLDEN_HASH: &str = "9f9ba2dcdc071032";
 
 fn shore(folder: &Path, more: &[&str]) -> Output {
-    tests::program("sim-host").arg("--out").arg(folder).args(more).output().expect("sim-host runs")
+    harness::program("sim-host")
+        .arg("--out")
+        .arg(folder)
+        .args(more)
+        .output()
+        .expect("sim-host runs")
 }
 
 fn json(output: &Output) -> Value {

@@ -4,14 +4,14 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
+use harness::board::{BOARDS, Image};
+use harness::emulator::{self, Emulator};
 use leg_control::serial::message::{Mode, Request, Statistics};
 use leg_control::wire::{Command, Sample};
 use leg_host::serial::client::{Client, HELLO_PATIENCE, Heard};
 use leg_host::serial::stream::{ByteStream, Endpoint};
 use leg_program::Stop;
 use tempfile::TempDir;
-use tests::board::{BOARDS, Image};
-use tests::emulator::{self, Emulator};
 
 /// Ticks a second of every test here.
 pub(crate) const RATE_HZ: u32 = 1_000;
@@ -42,7 +42,7 @@ pub(crate) fn image(features: &str) -> Image {
 }
 
 pub(crate) fn shipped() -> PathBuf {
-    tests::root().join("controller/policies/robust.bin")
+    harness::root().join("controller/policies/robust.bin")
 }
 
 /// Whether to skip, for want of an emulator; says so.

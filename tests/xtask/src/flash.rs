@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::Command;
 
 use anyhow::{Context, Result, bail};
-use tests::board::{BOARDS, Board};
+use harness::board::{BOARDS, Board};
 
 use crate::Misuse;
 use crate::step::output_of;
@@ -46,8 +46,10 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         );
     }
     let image = board.build()?;
-    let policy =
-        args.policy.clone().unwrap_or_else(|| tests::root().join("controller/policies/robust.bin"));
+    let policy = args
+        .policy
+        .clone()
+        .unwrap_or_else(|| harness::root().join("controller/policies/robust.bin"));
     if !policy.is_file() {
         return Err(Misuse::of(format!("no policy at {}; --policy names one", policy.display())));
     }

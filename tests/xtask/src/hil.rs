@@ -8,10 +8,10 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
+use harness::board::{BOARDS, Board};
+use harness::emulator::Emulator;
+use harness::root;
 use serde_json::Value;
-use tests::board::{BOARDS, Board};
-use tests::emulator::Emulator;
-use tests::root;
 
 use crate::programs::{Programs, Running};
 use crate::{Misuse, setup};

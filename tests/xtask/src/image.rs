@@ -1,7 +1,7 @@
 //! What must be true of every image that is flashed.
 
 use anyhow::{Result, ensure};
-use tests::board::{BOARDS, Board};
+use harness::board::{BOARDS, Board};
 
 /// Builds the image of each board, and looks for ways to panic in it.
 pub(crate) fn run() -> Result<()> {

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 
 use anyhow::{Context, Result, ensure};
+use harness::root;
 use serde_json::Value;
-use tests::root;
 
 /// Ticks a second of the shore.
 const RATE_HZ: u64 = 1_000;
@@ -20,8 +20,7 @@ impl Programs {
     pub(crate) fn build() -> Result<Self> {
         let status = Command::new(env!("CARGO"))
             .args(["build", "--quiet", "--release", "--package", "sim-host", "--bin", "sim-host"])
-            .args(["--package", "controller", "--bin", "controller"])
-            .args(["--features", "controller/host"])
+            .args(["--package", "leg-host", "--bin", "controller"])
             .current_dir(root())
             .status()
             .context("cannot start cargo")?;

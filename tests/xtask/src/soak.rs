@@ -15,7 +15,7 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args) -> Result<()> {
     setup::emulation()?;
-    let time = Step::new("soak", "cargo", "test --release --package tests --test flashed")
+    let time = Step::new("soak", "cargo", "test --release --package end-to-end --test flashed")
         .with("-- --nocapture --test-threads 1")
         .with_env("LEG_HIL_TICKS", args.ticks.to_string())
         .run()?;

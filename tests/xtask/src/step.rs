@@ -4,7 +4,7 @@ use anyhow::{Context, Result, bail};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use tests::root;
+use harness::root;
 
 /// A named command line.
 #[derive(Clone, Debug)]

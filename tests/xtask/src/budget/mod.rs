@@ -15,13 +15,13 @@ mod stack;
 mod trace;
 
 use anyhow::{Context, Result, ensure};
+use harness::board::BOARDS;
+use harness::root;
 use ledger::{Ledger, Measured};
 use profile::Profile;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use tests::board::BOARDS;
-use tests::root;
 
 /// The committed figures.
 const LEDGER: &str = "controller/firmware/budgets.toml";

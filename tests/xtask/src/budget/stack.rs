@@ -1,9 +1,9 @@
 //! How deep the stack of the flashed controller goes.
 
 use anyhow::{Context, Result};
-use tests::board::Board;
-use tests::emulator::Emulator;
-use tests::root;
+use harness::board::Board;
+use harness::emulator::Emulator;
+use harness::root;
 
 use crate::programs::{Programs, Running};
 use crate::setup;
