@@ -297,7 +297,7 @@ impl Guard {
     fn check_order(&self, header: &Header) -> Result<(), Reject> {
         let Some(last) = self.last else { return Ok(()) };
         if header.run_id != last.run_id {
-            // run ids only rise; half the range counts as the past, so that they may wrap.
+            // Run ids only rise; half the range counts as the past, so that they may wrap.
             let newer = header.run_id.wrapping_sub(last.run_id) < u32::MAX / 2;
             return if newer { Ok(()) } else { Err(Reject::OldRun) };
         }
@@ -415,7 +415,7 @@ mod tests {
         for _ in 0..20 {
             guard.judge(None);
         }
-        let of_run = |run id, seq| {
+        let of_run = |run_id, seq| {
             let mut new = sample(seq);
             new.header.run_id = run_id;
             new

@@ -24,8 +24,8 @@ static LAST: [AtomicU32; 6] = [const { AtomicU32::new(0) }; 6];
 
 /// Puts aside what a safe command needs to be taken by the host.
 pub(crate) fn remember(turn: u32, command: &Command) {
-    let Header { run id, seq, t_ns, .. } = command.header;
-    let words = [turn, run id, seq as u32, (seq >> 32) as u32, t_ns as u32, (t_ns >> 32) as u32];
+    let Header { run_id, seq, t_ns, .. } = command.header;
+    let words = [turn, run_id, seq as u32, (seq >> 32) as u32, t_ns as u32, (t_ns >> 32) as u32];
     for (place, word) in LAST.iter().zip(words) {
         place.store(word, Ordering::Relaxed);
     }
@@ -34,7 +34,7 @@ pub(crate) fn remember(turn: u32, command: &Command) {
 /// The panic handler's, and the fault handler's, last act.
 fn break_off(crash: Crash, status: u8) -> ! {
     cortex_m::interrupt::disable();
-    let [turn, run id, seq, seq_high, t_ns, t_ns_high] =
+    let [turn, run_id, seq, seq_high, t_ns, t_ns_high] =
         LAST.each_ref().map(|word| word.load(Ordering::Relaxed));
     let whole = |high, low| u64::from(high) << 32 | u64::from(low);
     let command = safe_command(&Header {

@@ -44,7 +44,7 @@ impl<'a, 'l, L: LegLink, H: Hooks> LegTask<'a, 'l, L, H> {
         options: Options,
         hooks: &'l mut H,
     ) -> Self {
-        let Options { run id, on_fall } = options;
+        let Options { run_id, on_fall } = options;
         Self {
             leg: Leg::new(scenario, run_id),
             link,
@@ -76,8 +76,8 @@ impl<'a, 'l, L: LegLink, H: Hooks> LegTask<'a, 'l, L, H> {
     fn newest(&mut self) -> Result<Option<Command>, LinkError> {
         let last = self.last;
         let is_new = |command: &Command| {
-            let Header { run id, seq, .. } = command.header;
-            last.is_none_or(|last| (last.run id, last.seq) != (run_id, seq))
+            let Header { run_id, seq, .. } = command.header;
+            last.is_none_or(|last| (last.run_id, last.seq) != (run_id, seq))
         };
         let command = self.link.receive(Duration::ZERO)?.filter(is_new);
         self.last = command.map(|command| command.header).or(self.last);
@@ -127,7 +127,7 @@ impl<L: LegLink, H: Hooks> Task for LegTask<'_, '_, L, H> {
         if self.hooks.ends() {
             self.ending = Some(Ending::Stopped);
             self.link.send(&self.leg.farewell())?;
-            return Ok(Done { run_id: self.run id, over: true, ..Done::default() });
+            return Ok(Done { run_id: self.run_id, over: true, ..Done::default() });
         }
         self.hooks.steer(&mut self.leg);
         let command = self.newest()?;
@@ -135,10 +135,10 @@ impl<L: LegLink, H: Hooks> Task for LegTask<'_, '_, L, H> {
         let is_answered = command.is_some_and(|command| self.leg.is_answered_by(&command));
         match self.hold.tick(1 + at.missed, is_answered) {
             Held::Free => (),
-            Held::Quiet => return Ok(Done { run_id: self.run id, ..Done::default() }),
+            Held::Quiet => return Ok(Done { run_id: self.run_id, ..Done::default() }),
             Held::Speaks => {
                 self.say(clock)?;
-                return Ok(Done { run_id: self.run id, ..Done::default() });
+                return Ok(Done { run_id: self.run_id, ..Done::default() });
             }
         }
         // Time does not wait: what was slept through is played too, under what is known now.
@@ -224,12 +224,12 @@ struct Sent([Option<(u32, u64, u64)>; REMEMBERED]);
 
 impl Sent {
     fn note(&mut self, header: &Header, now_ns: u64) {
-        self.0[header.seq as usize % REMEMBERED] = Some((header.run id, header.seq, now_ns));
+        self.0[header.seq as usize % REMEMBERED] = Some((header.run_id, header.seq, now_ns));
     }
 
     /// Time since the sample with this run id and number was sent, ns.
     fn age_ns(&self, header: &Header, now_ns: u64) -> Option<u64> {
-        let (run id, seq, sent_ns) = self.0[header.seq as usize % REMEMBERED]?;
-        ((run id, seq) == (header.run_id, header.seq)).then(|| now_ns.saturating_sub(sent_ns))
+        let (run_id, seq, sent_ns) = self.0[header.seq as usize % REMEMBERED]?;
+        ((run_id, seq) == (header.run_id, header.seq)).then(|| now_ns.saturating_sub(sent_ns))
     }
 }
