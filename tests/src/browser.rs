@@ -7,8 +7,6 @@ use std::process::{Command, Output};
 use anyhow::{Context, Result, ensure};
 use serde::Deserialize;
 
-/// By the names that distributions give it.
-pub const NAMES: [&str; 3] = ["chromium", "chromium-browser", "google-chrome"];
 /// Where the page's findings stand, once it has told them.
 const FOUND: [&str; 2] = ["<pre id=\"shown\">", "</pre>"];
 
@@ -46,14 +44,6 @@ pub struct Shown {
     pub cut: Vec<String>,
     /// Not hidden by any style.
     pub visible: bool,
-}
-
-/// The name of the browser that is installed here.
-#[must_use]
-pub fn installed() -> Option<&'static str> {
-    NAMES.into_iter().find(|name| {
-        Command::new(name).arg("--version").output().is_ok_and(|output| output.status.success())
-    })
 }
 
 /// Opens a page as it is: what its console says, a message a line.

@@ -14,13 +14,6 @@ const PATIENCE: Duration = Duration::from_secs(30);
 /// A board whose processor has not run for so long sleeps.
 const ASLEEP_FOR: Duration = Duration::from_millis(100);
 
-/// Whether the emulator is installed here.
-#[must_use]
-pub fn is_installed() -> bool {
-    let version = Command::new(EMULATOR).arg("--version").output();
-    version.is_ok_and(|output| output.status.success())
-}
-
 /// A running emulator; ended when dropped.
 #[derive(Debug)]
 pub struct Emulator {

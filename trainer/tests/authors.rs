@@ -1,16 +1,11 @@
 //! The published actors (doi 10.5281/zenodo.4607469), imported: their test vectors
 //! (which the import checks) and how they do from 2,000 random starts.
 //!
-//! The actors are not part of this repository. They are looked for in the folder of
-//! the environment variable `LEG_REFERENCE_DATA`, by default `../shared/reference`
-//! beside the repository; without that folder these tests pass, and say on the
-//! standard error that they were skipped.
+//! The actors are not part of this repository: see [`requirements::reference_data`].
 
 use leg_control::policy::GainPoint;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
-use std::io::Write;
-use std::path::{Path, PathBuf};
 use trainer::bridge::json::from_json;
 use trainer::evaluate::conditions::{Change, Condition};
 use trainer::evaluate::hopper;
@@ -18,28 +13,9 @@ use trainer::evaluate::survival::{Survival, draw_starts, survival};
 use trainer::evaluate::tracking::{highest_speed, track};
 use trainer::policy::Frozen;
 
-/// The folder of the reference data; `None`, and a word on the standard error, where
-/// it is not there.
-fn reference() -> Option<PathBuf> {
-    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/reference");
-    let folder = std::env::var_os("LEG_REFERENCE_DATA").map_or_else(beside, PathBuf::from);
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    // Not by a macro, whose words the test harness keeps to itself.
-    let mut stderr = std::io::stderr();
-    writeln!(
-        stderr,
-        "SKIPPED: no folder {} with the published actors; name it in LEG_REFERENCE_DATA",
-        folder.display()
-    )
-    .unwrap();
-    None
-}
-
 /// A published actor. Where the folder is there, so must the actor be.
 fn imported(name: &str) -> Option<Frozen> {
-    let path = reference()?.join(format!("actor_{name}.json"));
+    let path = requirements::reference_data()?.join(format!("actor_{name}.json"));
     let text = std::fs::read_to_string(&path)
         .unwrap_or_else(|e| panic!("{}: {e}; is LEG_REFERENCE_DATA right?", path.display()));
     Some(from_json(&text).unwrap_or_else(|e| panic!("{name}: {e}")))
@@ -64,7 +40,7 @@ fn assert_near(s: Survival, survive30: f64, v: Option<[f64; 2]>, reward5: f64) {
 
 #[test]
 fn all_three_actors_give_their_test_vectors() {
-    let Some(folder) = reference() else { return };
+    let Some(folder) = requirements::reference_data() else { return };
     let vectors = |name: &str| {
         let path = folder.join(format!("actor_{name}.json"));
         let text = std::fs::read_to_string(&path).unwrap();

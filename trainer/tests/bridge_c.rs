@@ -1,15 +1,11 @@
 //! The exported C, compiled and run: the same bits as the controller's actor.
-//!
-//! Needs `gcc` on the path; without it these tests pass, and say on the standard
-//! error that they were skipped.
 
 use leg_control::actor::{Actor, Observation, ObservationScaling};
 use leg_control::policy::{Policy, SHIPPED};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use std::io::Write;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Command;
 use trainer::bridge::c;
 use trainer::bridge::card::Card;
 use trainer::net::mlp::Layer;
@@ -30,17 +26,6 @@ int main(void)
     return 0;
 }
 ";
-
-fn has_gcc() -> bool {
-    let found = Command::new("gcc").arg("--version").stdout(Stdio::null()).status();
-    if found.is_ok_and(|status| status.success()) {
-        return true;
-    }
-    // Not by a macro, whose words the test harness keeps to itself.
-    let mut stderr = std::io::stderr();
-    writeln!(stderr, "SKIPPED: no gcc on the path to compile the exported C").unwrap();
-    false
-}
 
 fn gcc(folder: &Path, arguments: &[&str]) {
     let strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"];
@@ -104,18 +89,19 @@ fn act(actor: &Actor<'_>, [vx, y, rho]: [f32; 3]) -> [f32; 2] {
 
 #[test]
 fn the_exported_c_gives_the_controllers_bits() {
-    if has_gcc() {
-        let policy = Policy::parse(SHIPPED).unwrap();
-        agree(&policy, 200_000, "-O2");
-        agree(&policy, 20_000, "-O0");
+    if !requirements::gcc() {
+        return;
     }
+    let policy = Policy::parse(SHIPPED).unwrap();
+    agree(&policy, 200_000, "-O2");
+    agree(&policy, 20_000, "-O0");
 }
 
 /// One layer that hands an observation's figures to tanh as they are, hardly clipped,
 /// so that every branch of tanh shows.
 #[test]
 fn the_translated_tanh_is_libms_on_every_branch() {
-    if !has_gcc() {
+    if !requirements::gcc() {
         return;
     }
     let policy = Policy::parse(SHIPPED).unwrap();
@@ -151,7 +137,7 @@ fn the_translated_tanh_is_libms_on_every_branch() {
 
 #[test]
 fn the_self_test_passes_and_can_fail() {
-    if !has_gcc() {
+    if !requirements::gcc() {
         return;
     }
     let folder = tempfile::tempdir().unwrap();

@@ -2,7 +2,6 @@
 
 mod common;
 
-use std::path::{Path, PathBuf};
 
 use common::{Case, GOLDEN, for_each_row};
 use leg_plant::{Hop, Outcome};
@@ -86,26 +85,16 @@ fn golden_cases_agree() {
     }
 }
 
-/// The published transitions of the source (doi 10.5281/zenodo.4607469), sampled at 1 ms. The
-/// folder of its tables is `LEG_REFERENCE_DATA`, or `shared/reference` beside the repository.
+/// The published transitions of the source (doi 10.5281/zenodo.4607469), sampled at 1 ms.
 #[test]
 fn published_transitions_agree() {
-    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/reference");
-    let folder = std::env::var_os("LEG_REFERENCE_DATA").map_or_else(beside, PathBuf::from);
+    let Some(folder) = requirements::reference_data() else { return };
     let mut rows = 0;
     let mut errors_m_s = Vec::new();
     for name in ["transitions_air.csv", "transitions_water_to_air.csv"] {
-        let text = match std::fs::read_to_string(folder.join(name)) {
-            Ok(text) => text,
-            Err(cause) => {
-                eprintln!(
-                    "skipped: cannot read {name} in {}: {cause}; LEG_REFERENCE_DATA chooses \
-                     another folder",
-                    folder.display()
-                );
-                return;
-            }
-        };
+        let path = folder.join(name);
+        let text = std::fs::read_to_string(&path)
+            .unwrap_or_else(|e| panic!("{}: {e}; is LEG_REFERENCE_DATA right?", path.display()));
         for_each_row(&text, |row| {
             rows += 1;
             let next = Case::of(row).hop().outcome.next();

@@ -139,13 +139,7 @@ fn a_peer_may_be_started_anew_while_the_killed_one_is_still_unnoticed() {
 #[test]
 fn signals_end_a_run_in_good_order() {
     let place = Place::new();
-    // Programs leave an ignored hang-up ignored, and inherit that from this test.
-    let status = std::fs::read_to_string("/proc/self/status").unwrap();
-    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:")).unwrap();
-    let hang_up = u64::from_str_radix(ignored.trim(), 16).unwrap() & 1 == 0;
-    if !hang_up {
-        eprintln!("SIGHUP is SKIPPED: it is ignored here, as under nohup");
-    }
+    let hang_up = requirements::sighup();
     for signal in [Signal::INT, Signal::TERM].into_iter().chain(hang_up.then_some(Signal::HUP)) {
         let mut simulator = place.simulator(&ENDLESS);
         let controller = place.controller(&PATIENT);

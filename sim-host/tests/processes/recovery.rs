@@ -150,8 +150,7 @@ fn a_peer_of_another_wire_version_is_refused_by_name() {
 #[test]
 fn another_users_process_is_told_that_users_do_not_meet() {
     const NOBODY: &str = "65534";
-    if !rustix::process::getuid().is_root() {
-        eprintln!("another user's process is SKIPPED: only root can start one");
+    if !requirements::root() {
         return;
     }
     let place = Place::new();

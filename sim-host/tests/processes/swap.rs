@@ -55,7 +55,8 @@ fn a_policy_is_swapped_in_at_an_apex_and_a_bad_one_is_refused() {
     // A SIGHUP has the file of --policy read again.
     fs::write(place.policy(), hopping_named("third")).unwrap();
     controller.signal(Signal::HUP);
-    place.wait_for_status(|status| status["policy"]["name"] == "third" || hang_up_is_ignored());
+    let sighup = requirements::sighup();
+    place.wait_for_status(|status| status["policy"]["name"] == "third" || !sighup);
     fs::write(place.policy(), "nothing").unwrap();
     controller.signal(Signal::HUP);
     std::thread::sleep(Duration::from_millis(200));
@@ -66,17 +67,10 @@ fn a_policy_is_swapped_in_at_an_apex_and_a_bad_one_is_refused() {
     controller.signal(Signal::TERM);
     let controller = controller.end();
     controller.assert(0, &["the policy other", "has taken over at tick"]);
-    if !hang_up_is_ignored() {
+    if sighup {
         controller.assert(0, &["policy.bin is read again", "policy.bin is not a policy", "stays"]);
     }
     place.assert_clean();
-}
-
-/// Programs leave an ignored hang-up ignored, and inherit that from this test.
-fn hang_up_is_ignored() -> bool {
-    let status = fs::read_to_string("/proc/self/status").unwrap();
-    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:")).unwrap();
-    u64::from_str_radix(ignored.trim(), 16).unwrap() & 1 == 1
 }
 
 /// In lock-step no tick can be missed, so what is left to say is exact: every
@@ -121,8 +115,7 @@ fn a_hundred_swaps_on_a_hopping_leg_cost_no_tick() {
 /// is the end.
 #[test]
 fn a_closed_terminal_ends_a_controller_that_would_reload() {
-    if hang_up_is_ignored() || Command::new("script").arg("--version").output().is_err() {
-        eprintln!("a closed terminal is SKIPPED: SIGHUP is ignored here, or there is no `script`");
+    if !requirements::sighup() || !requirements::script() {
         return;
     }
     let place = Place::new();

@@ -5,7 +5,7 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use harness::board::{BOARDS, Image};
-use harness::emulator::{self, Emulator};
+use harness::emulator::Emulator;
 use leg_control::serial::message::{Mode, Request, Statistics};
 use leg_control::wire::{Command, Sample};
 use leg_host::serial::client::{Client, HELLO_PATIENCE, Heard};
@@ -45,13 +45,9 @@ pub(crate) fn shipped() -> PathBuf {
     harness::root().join("controller/policies/robust.bin")
 }
 
-/// Whether to skip, for want of an emulator; says so.
+/// Returns whether to skip for want of an emulator.
 pub(crate) fn skips() -> bool {
-    let skips = !emulator::is_installed();
-    if skips {
-        eprintln!("skipped: qemu-system-arm is not installed; `cargo xtask setup` installs it");
-    }
-    skips
+    !requirements::qemu()
 }
 
 /// An emulated board, and a client at its line.

@@ -1,8 +1,8 @@
 //! The flashed controller, in the emulator, over its real serial line.
 //!
-//! These tests skip, and say so, where the emulator is not installed (`cargo
-//! xtask setup` installs it). They are short here; `LEG_HIL_TICKS=100000` makes
-//! them long, as `cargo xtask soak` does.
+//! These tests are skipped where the emulator is not installed (`cargo xtask setup`
+//! installs it). They are short here; `LEG_HIL_TICKS=100000` makes them long, as
+//! `cargo xtask soak` does.
 
 mod board;
 mod crashes;

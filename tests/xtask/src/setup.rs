@@ -21,7 +21,7 @@ const EMULATION: [Program; 2] = [
 ];
 
 /// What reports are looked at with.
-const BROWSER: Program = Program { names: &harness::browser::NAMES, package: "chromium" };
+const BROWSER: Program = Program { names: &requirements::CHROMIUM_NAMES, package: "chromium" };
 
 /// Installs what is missing.
 pub(crate) fn run() -> Result<()> {

@@ -1,0 +1,261 @@
+//! Things that some tests need and that not every machine has: an emulator, a C
+//! compiler, the authors' data.
+//!
+//! A test asks for what it needs and returns early where that is missing:
+//!
+//! ```
+//! if !requirements::gcc() {
+//!     return;
+//! }
+//! ```
+//!
+//! Two environment variables decide what a missing requirement means:
+//!
+//! - `LEG_REQUIRE=qemu,gcc` makes each requirement in the list mandatory: without it
+//!   the test fails.
+//! - `LEG_SKIPPED=FILE` collects the skipped tests: one line per test is appended.
+//!
+//! A skip is also printed on the standard error of the process, past the capture of
+//! the test harness. `cargo xtask ci` sets both variables and prints the file at its end.
+
+use std::ffi::OsStr;
+use std::fs::{self, OpenOptions};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// A requirement of a test, by the name that it has in `LEG_REQUIRE`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Requirement {
+    /// The emulator `qemu-system-arm`.
+    Qemu,
+    /// The C compiler `gcc`.
+    Gcc,
+    /// A Python with the packages of `trainer/bridges/requirements.txt`, named by `LEG_PYTHON`.
+    Python,
+    /// The folder with the authors' published data (doi 10.5281/zenodo.4607469).
+    Reference,
+    /// The browser Chromium, under any of the names that distributions give it.
+    Chromium,
+    /// Permission to trace a child process.
+    Ptrace,
+    /// The rights of the superuser.
+    Root,
+    /// The program `script`, which provides a terminal.
+    Script,
+    /// A SIGHUP that is not ignored, as it is under `nohup`.
+    Sighup,
+}
+
+impl Requirement {
+    /// Every requirement there is.
+    pub const ALL: [Self; 9] = [
+        Self::Qemu,
+        Self::Gcc,
+        Self::Python,
+        Self::Reference,
+        Self::Chromium,
+        Self::Ptrace,
+        Self::Root,
+        Self::Script,
+        Self::Sighup,
+    ];
+
+    /// The name in `LEG_REQUIRE`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Qemu => "qemu",
+            Self::Gcc => "gcc",
+            Self::Python => "python",
+            Self::Reference => "reference",
+            Self::Chromium => "chromium",
+            Self::Ptrace => "ptrace",
+            Self::Root => "root",
+            Self::Script => "script",
+            Self::Sighup => "sighup",
+        }
+    }
+
+    /// Returns what was found, or `None` after the skip has been reported.
+    ///
+    /// # Panics
+    /// If the requirement is missing and `LEG_REQUIRE` lists it, and if `LEG_REQUIRE`
+    /// lists a name that is no requirement.
+    pub fn check<T>(self, found: Result<T, String>) -> Option<T> {
+        let required = std::env::var("LEG_REQUIRE").unwrap_or_default();
+        let log = std::env::var_os("LEG_SKIPPED");
+        match (self.decide(&required, found), log) {
+            (Ok(found), _) => Some(found),
+            (Err(missing), log) => {
+                report(&missing, log.as_deref());
+                None
+            }
+        }
+    }
+
+    /// Returns what was found or the line that reports the skip.
+    fn decide<T>(self, required: &str, found: Result<T, String>) -> Result<T, String> {
+        let mut is_required = false;
+        for name in required.split(',').map(str::trim).filter(|name| !name.is_empty()) {
+            let known = Self::ALL.into_iter().find(|requirement| requirement.name() == name);
+            let known = known.unwrap_or_else(|| {
+                let names = Self::ALL.map(Self::name).join(", ");
+                panic!("LEG_REQUIRE: no requirement is called `{name}`; there are {names}")
+            });
+            is_required |= known == self;
+        }
+        found.map_err(|reason| {
+            let name = self.name();
+            assert!(!is_required, "LEG_REQUIRE demands {name}, but {reason}");
+            let thread = std::thread::current();
+            format!("skipped: {}: {reason} ({name})", thread.name().unwrap_or("a test"))
+        })
+    }
+}
+
+/// Prints a skip past the capture of the test harness, and appends it to the log.
+fn report(line: &str, log: Option<&OsStr>) {
+    // The macro `eprintln!` would write into the harness' buffer.
+    let _ = writeln!(io::stderr(), "{line}");
+    if let Some(log) = log {
+        let opened = OpenOptions::new().create(true).append(true).open(log);
+        // In one write: other test processes append to the same file.
+        let written = opened.and_then(|mut file| file.write_all(format!("{line}\n").as_bytes()));
+        written.unwrap_or_else(|e| panic!("LEG_SKIPPED={}: {e}", log.display()));
+    }
+}
+
+/// Returns whether a program starts and answers `--version`.
+fn runs(program: &str) -> bool {
+    let mut command = Command::new(program);
+    command.arg("--version").stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    command.status().is_ok_and(|status| status.success())
+}
+
+fn program(requirement: Requirement, name: &str) -> bool {
+    let found = if runs(name) { Ok(()) } else { Err(format!("`{name}` is not installed")) };
+    requirement.check(found).is_some()
+}
+
+/// Returns whether the emulator is installed.
+#[must_use]
+pub fn qemu() -> bool {
+    program(Requirement::Qemu, "qemu-system-arm")
+}
+
+/// Returns whether the C compiler is installed.
+#[must_use]
+pub fn gcc() -> bool {
+    program(Requirement::Gcc, "gcc")
+}
+
+/// Returns whether the program `script` is installed.
+#[must_use]
+pub fn script() -> bool {
+    program(Requirement::Script, "script")
+}
+
+/// Returns the Python that `LEG_PYTHON` names.
+#[must_use]
+pub fn python() -> Option<PathBuf> {
+    let named = std::env::var_os("LEG_PYTHON").map(PathBuf::from);
+    Requirement::Python.check(named.ok_or_else(|| {
+        "LEG_PYTHON names no Python with the packages of trainer/bridges/requirements.txt".into()
+    }))
+}
+
+/// Returns the name of the browser.
+#[must_use]
+pub fn chromium() -> Option<&'static str> {
+    let name = CHROMIUM_NAMES.into_iter().find(|name| runs(name));
+    Requirement::Chromium.check(name.ok_or_else(|| "Chromium is not installed".into()))
+}
+
+/// Names under which distributions install Chromium.
+pub const CHROMIUM_NAMES: [&str; 3] = ["chromium", "chromium-browser", "google-chrome"];
+
+/// Returns the folder of the authors' published data: the folder that `LEG_REFERENCE_DATA`
+/// names, or `../shared/reference` beside the checkout.
+#[must_use]
+pub fn reference_data() -> Option<PathBuf> {
+    let named = std::env::var_os("LEG_REFERENCE_DATA").map(PathBuf::from);
+    Requirement::Reference.check(folder(named.unwrap_or_else(reference_beside_checkout)))
+}
+
+/// Returns where the authors' data lie unless `LEG_REFERENCE_DATA` names another folder.
+#[must_use]
+pub fn reference_beside_checkout() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/reference")
+}
+
+fn folder(path: PathBuf) -> Result<PathBuf, String> {
+    if path.is_dir() {
+        return Ok(path);
+    }
+    Err(format!("there is no folder {}; LEG_REFERENCE_DATA names another", path.display()))
+}
+
+/// Returns whether this process has the rights of the superuser.
+#[must_use]
+pub fn root() -> bool {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let user = status.lines().find_map(|line| line.strip_prefix("Uid:"));
+    let effective = user.and_then(|ids| ids.split_whitespace().nth(1));
+    let found = if effective == Some("0") { Ok(()) } else { Err("only root may do this".into()) };
+    Requirement::Root.check(found).is_some()
+}
+
+/// Returns whether a SIGHUP reaches the programs that this test starts: they inherit
+/// an ignored one.
+#[must_use]
+pub fn sighup() -> bool {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let ignored = ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
+    let is_ignored = ignored.is_none_or(|mask| mask & 1 == 1);
+    let found = if is_ignored { Err("SIGHUP is ignored, as under nohup".into()) } else { Ok(()) };
+    Requirement::Sighup.check(found).is_some()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn missing() -> Result<(), String> {
+        Err("`gcc` is not installed".into())
+    }
+
+    #[test]
+    fn what_is_there_is_returned() {
+        assert_eq!(Requirement::Gcc.decide("gcc", Ok(5)), Ok(5));
+    }
+
+    #[test]
+    fn a_missing_requirement_is_a_skip_that_names_test_and_reason() {
+        let line = Requirement::Gcc.decide("qemu,reference", missing()).unwrap_err();
+        let test = "tests::a_missing_requirement_is_a_skip_that_names_test_and_reason";
+        assert_eq!(line, format!("skipped: {test}: `gcc` is not installed (gcc)"));
+    }
+
+    #[test]
+    #[should_panic(expected = "LEG_REQUIRE demands gcc, but `gcc` is not installed")]
+    fn a_missing_requirement_that_is_mandatory_fails_the_test() {
+        let _ = Requirement::Gcc.decide("qemu, gcc", missing());
+    }
+
+    #[test]
+    #[should_panic(expected = "no requirement is called `qemo`")]
+    fn a_misspelt_requirement_fails_the_test() {
+        let _ = Requirement::Gcc.decide("qemo", Ok(()));
+    }
+
+    #[test]
+    fn skips_are_appended_to_the_log() {
+        let folder = tempfile::tempdir().unwrap();
+        let log = folder.path().join("skipped.txt");
+        report("skipped: one", Some(log.as_os_str()));
+        report("skipped: two", Some(log.as_os_str()));
+        assert_eq!(fs::read_to_string(&log).unwrap(), "skipped: one\nskipped: two\n");
+    }
+}
