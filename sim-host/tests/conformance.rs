@@ -308,7 +308,7 @@ use leg_host::serial::stream::over_unix;
 use leg_host::serial::{SerialController, SerialLeg};
 use leg_host::shm::{ShmController, ShmLeg};
 use leg_host::{Terms, memory};
-use leg_program::Stop;
+use leg_process::Stop;
 use sim_host::faults::stage::message::{Corrupt, Delay, Drop, Duplicate, Freeze, Ice, Reorder};
 use sim_host::faults::stage::{Chain, Dice, Faulty, OnTheWire, Plan, Window};
 

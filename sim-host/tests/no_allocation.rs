@@ -20,8 +20,8 @@ use leg_host::realtime::{
 };
 use leg_host::shm::{ShmController, ShmLeg};
 use leg_host::{ControllerLink, Domain, LegLink, Pace, Role, memory};
-use leg_program::Stop;
-use leg_program::policy_file::PolicyBlob;
+use leg_process::Stop;
+use leg_process::policy_file::PolicyFile;
 use sim_host::scenario::{Scenario, Settings};
 use sim_host::session::real_time::{LegTask, Options};
 use sim_host::session::{Ending, Hooks, Leg, TickRecord};
@@ -97,7 +97,7 @@ fn play<L: LegLink, C: ControllerLink>(
 ) -> [AllocationInfo; 2] {
     let scenario = Settings::from_toml("duration_s = 2.0\nset_point_m_s = 0.5").expect("TOML");
     let scenario = Scenario::from_settings(&scenario).expect("a scenario");
-    let blob = PolicyBlob::load(None).expect("the shipped policy");
+    let blob = PolicyFile::load(None).expect("the shipped policy");
     let policy = blob.policy().expect("the shipped policy");
     let connected = Barrier::new(2);
     thread::scope(|scope| {

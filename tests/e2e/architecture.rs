@@ -46,13 +46,13 @@ const ALLOWED: [(&str, &[&str]); 3] = [
 
 /// Which packages of this workspace each may depend on.
 const ARROWS: [(&str, &[&str]); 6] = [
-    ("leg-program", &["leg-control"]),
-    ("leg-host", &["leg-control", "leg-program"]),
-    ("sim-host", &["leg-control", "leg-host", "leg-plant", "leg-program"]),
-    ("trainer", &["leg-control", "leg-plant", "leg-program"]),
+    ("leg-process", &["leg-control"]),
+    ("leg-host", &["leg-control", "leg-process"]),
+    ("sim-host", &["leg-control", "leg-host", "leg-plant", "leg-process"]),
+    ("trainer", &["leg-control", "leg-plant", "leg-process"]),
     (
         "paper-figures",
-        &["leg-control", "leg-host", "leg-plant", "leg-program", "sim-host", "trainer"],
+        &["leg-control", "leg-host", "leg-plant", "leg-process", "sim-host", "trainer"],
     ),
     ("leg-kernel-m4f", &[]),
 ];

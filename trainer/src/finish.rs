@@ -5,7 +5,7 @@ use crate::evaluate::selection::Standing;
 use crate::policy::{About, Frozen, blob};
 use crate::train::Training;
 use leg_control::policy::{GainPoint, WriteError};
-use leg_program::policy_file::AlignedBytes;
+use leg_process::policy_file::AlignedBytes;
 
 /// The actor that a training kept, with all that its policy file needs.
 #[derive(Clone, Debug)]

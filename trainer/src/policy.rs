@@ -9,7 +9,7 @@ use leg_control::leg::LegModel;
 use leg_control::policy::{
     GainPoint, GainSchedule, Manifest, Media, Policy, Provenance, WriteError, write,
 };
-use leg_program::policy_file::AlignedBytes;
+use leg_process::policy_file::AlignedBytes;
 
 /// An actor by itself: packed weights and scalings.
 #[derive(Clone, Debug, PartialEq)]

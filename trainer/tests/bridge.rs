@@ -2,7 +2,7 @@
 //! files that are damaged.
 
 use leg_control::policy::{Policy, SHIPPED};
-use leg_program::policy_file::AlignedBytes;
+use leg_process::policy_file::AlignedBytes;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use safetensors::tensor::TensorView;
@@ -246,7 +246,7 @@ fn the_commands_there_and_back() {
             "--layers: mu.0 (3 to 50)",
         ),
         ("import --safetensors f.safetensors --ki 1e9 --out q.bin", "gains within"),
-        ("export --policy f.safetensors --to c x.c", "is not a policy to run"),
+        ("export --policy f.safetensors --to c x.c", "is not a valid policy"),
         ("export --policy p.bin --to torch x", "invalid value 'torch'"),
     ] {
         let output = trainer(line, directory.path());

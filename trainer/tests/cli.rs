@@ -108,7 +108,7 @@ fn what_cannot_be_used_is_named_with_status_2() {
         ("train --preset air --out p.csv", "name the log with --log"),
         ("train --preset air --out p.bin --eval-starts 1000001", "0..=1000000"),
         ("eval --policy p.bin --starts 4294967295", "1..=1000000"),
-        ("eval --policy not.bin", "not.bin is not a policy to run: it starts with"),
+        ("eval --policy not.bin", "not.bin is not a valid policy: it starts with"),
         ("import --json clip.json --out p.bin", "low[0]: 0.5, expected at most high[0], 0.25"),
         (long_name.as_str(), "has 65 bytes, at most 64"),
         ("import --json actor.json --out p.bin", "actor.json: output: \"linear\", expected"),

@@ -60,7 +60,7 @@ fn what_cannot_be_compared_is_named_with_status_2() {
     std::fs::write(directory.path().join("not.bin"), "0123456789012345678901").unwrap();
     for (arguments, said) in [
         (["compare", ROBUST, "none.bin", "--seed=1"], "none.bin"),
-        (["compare", "not.bin", ROBUST, "--seed=1"], "not.bin is not a policy to run"),
+        (["compare", "not.bin", ROBUST, "--seed=1"], "not.bin is not a valid policy"),
         (["compare", ROBUST, ROBUST, "--starts=99"], "100..=1000000"),
     ] {
         let output = trainer(&arguments, directory.path());

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use leg_control::wire::{Command, Sample};
 use leg_host::shm::{ShmController, ShmLeg};
 use leg_host::{Domain, Link, LinkError, Terms};
-use leg_program::Stop;
+use leg_process::Stop;
 
 const ECHO: &str = "--echo-in";
 const TIMEOUT: Duration = Duration::from_secs(10);

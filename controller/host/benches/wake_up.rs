@@ -10,7 +10,7 @@ use clap::Parser;
 use leg_host::Role;
 use leg_host::realtime::drive::Options;
 use leg_host::realtime::{Clock, Done, Privileges, Shared, Task, Tick, run};
-use leg_program::Stop;
+use leg_process::Stop;
 
 /// How late a bare loop wakes.
 #[derive(Parser)]

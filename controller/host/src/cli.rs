@@ -28,7 +28,7 @@ use super::shm::ConnectError;
 use leg_control::control::ConfigError;
 use leg_control::guard::Counts;
 use leg_control::policy::Manifest;
-use leg_program::policy_file::BlobError;
+use leg_process::policy_file::PolicyFileError;
 
 /// Longest patience that `--timeout` accepts, s.
 const MAX_TIMEOUT_S: f64 = 86_400.0;
@@ -130,7 +130,7 @@ pub fn parse_timeout(text: &str) -> Result<Duration, String> {
 pub enum CliError {
     /// There is no policy to run.
     #[error(transparent)]
-    Policy(#[from] BlobError),
+    Policy(#[from] PolicyFileError),
     /// The policy cannot be kept.
     #[error("the policy cannot be run: {0}")]
     Shelf(#[from] ShelfError),

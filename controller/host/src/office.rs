@@ -17,7 +17,7 @@ use super::operated::{Board, ORDERS, Operated, Order, Taken};
 use super::realtime::Shared;
 use super::shelf::{self, Shelved};
 use leg_control::control::Config;
-use leg_program::policy_file::PolicyBlob;
+use leg_process::policy_file::PolicyFile;
 
 /// Swaps that are remembered.
 const MEMORY: usize = 4096;
@@ -119,7 +119,7 @@ impl Office {
             |known: &Known| format!("the policy {} ({}) stays", known.name.name, known.name.crc32);
         let in_force = self.in_force().clone();
         let shelved = shelf::keep(blob).map_err(|cause| {
-            format!("{file} is not a policy to run: {cause}; {}", stays(&in_force))
+            format!("{file} is not a valid policy: {cause}; {}", stays(&in_force))
         })?;
         let number = self.given + 1;
         // A place for its taking, too: the loop never finds that ring full.
@@ -149,7 +149,7 @@ impl Office {
     /// # Errors
     /// As [`Office::swap`], or when the file cannot be read.
     pub fn swap_file(&mut self, path: &Path) -> Result<Swapping, String> {
-        let blob = PolicyBlob::read(path).map_err(|cause| cause.to_string())?;
+        let blob = PolicyFile::read(path).map_err(|cause| cause.to_string())?;
         self.swap(&path.display().to_string(), blob.as_slice())
     }
 

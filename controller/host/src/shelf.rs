@@ -7,7 +7,7 @@
 use std::sync::{Mutex, PoisonError};
 
 use leg_control::policy::{ParseError, Policy};
-use leg_program::policy_file::{AlignedBytes, MAX_BYTES};
+use leg_process::policy_file::{AlignedBytes, MAX_BYTES};
 
 /// Different blobs that a process keeps: 256 MiB at the very most.
 pub const MAX_POLICIES: usize = 256;

@@ -35,7 +35,7 @@ use super::link::{Link, LinkError};
 use super::wait::Waiter;
 use crate::payload::{Message, Shared};
 use leg_control::wire::{Command, Sample};
-use leg_program::stop::Stop;
+use leg_process::signals::Stop;
 
 pub use error::{ConnectError, Missing};
 use keeper::Base;

@@ -17,8 +17,8 @@ use leg_control::control::{Config, Controller};
 use leg_host::Domain;
 use leg_host::serve::serve;
 use leg_host::shm::{ShmController, ShmLeg};
-use leg_program::Stop;
-use leg_program::policy_file::PolicyBlob;
+use leg_process::Stop;
+use leg_process::policy_file::PolicyFile;
 use serde::Serialize;
 
 use crate::scenario::Scenario;
@@ -111,7 +111,7 @@ pub fn measure(domain: &Arc<Domain>, size: Size) -> anyhow::Result<Report> {
 /// When the first process does not come, or goes.
 pub fn echo(domain: &Arc<Domain>, size: Size) -> anyhow::Result<()> {
     let scenario = Scenario::shore();
-    let blob = PolicyBlob::load(None)?;
+    let blob = PolicyFile::load(None)?;
     let config = Config::at_rate(scenario.rate_hz)?;
     let mut controller = Controller::new(blob.policy()?, config);
 

@@ -20,7 +20,7 @@ use leg_host::serve::ServeError;
 use leg_host::shm::{ConnectError, ShmController};
 use leg_host::socket::SocketError;
 use leg_host::{Domain, LinkError, Terms};
-use leg_program::Stop;
+use leg_process::Stop;
 
 use forward::Forwarder;
 pub use report::Report;

@@ -8,7 +8,7 @@ use leg_control::wire::WIRE_VERSION;
 use leg_host::LinkError;
 use leg_host::serial::client::{ClientError, HELLO_PATIENCE, random_u32};
 use leg_host::serial::{ByteStream, Client, OpenError, Who, faults};
-use leg_program::Stop;
+use leg_process::Stop;
 
 use super::BridgeError;
 

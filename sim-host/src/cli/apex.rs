@@ -10,7 +10,7 @@ use std::process::ExitCode;
 use anyhow::Context;
 use csv::StringRecord;
 use leg_plant::{Action, Apex, Hop, Hopper, Leg, Medium, Outcome};
-use leg_program::output::replace;
+use leg_process::atomic_file;
 
 use super::Misuse;
 
@@ -135,7 +135,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
             result => result.context("cannot write to standard output")?,
         }
     } else {
-        replace(&args.output, &hops)
+        atomic_file::write(&args.output, &hops)
             .with_context(|| format!("cannot write {}", args.output.display()))?;
     }
     Ok(ExitCode::SUCCESS)

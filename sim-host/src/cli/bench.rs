@@ -3,7 +3,7 @@
 use std::process::{Command, ExitCode, Stdio};
 
 use leg_host::Domain;
-use leg_program::print;
+use leg_process::stdout;
 
 use crate::bench::{self, Size};
 
@@ -65,9 +65,9 @@ fn measure(args: &LoopArgs) -> anyhow::Result<()> {
     let report = report?;
     anyhow::ensure!(ended.success(), "the other process failed ({ended}); its message is above");
     if args.json {
-        print::line(serde_json::to_string(&report)?)?;
+        stdout::print_line(serde_json::to_string(&report)?)?;
     } else {
-        print::line(report)?;
+        stdout::print_line(report)?;
     }
     Ok(())
 }

@@ -9,8 +9,8 @@ use leg_host::domain::DomainError;
 use leg_host::serial::stream::EndpointArgs;
 use leg_host::serial::{ByteStream, Noisy, OpenError};
 use leg_host::shm::ConnectError;
-use leg_program::Stop;
-use leg_program::print;
+use leg_process::Stop;
+use leg_process::stdout;
 
 use leg_control::serial::message::Mode;
 
@@ -95,9 +95,9 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         error.into()
     })?;
     if args.json {
-        print::line(serde_json::to_string(&report)?)?;
+        stdout::print_line(serde_json::to_string(&report)?)?;
     } else {
-        print::line(report)?;
+        stdout::print_line(report)?;
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -2,13 +2,13 @@
 
 use std::process::ExitCode;
 
-use leg_program::print;
+use leg_process::stdout;
 
 use crate::faults::help;
 
 /// Prints the faults that there are.
 pub(super) fn main() -> anyhow::Result<ExitCode> {
-    print::line(help())?;
+    stdout::print_line(help())?;
     Ok(ExitCode::SUCCESS)
 }
 

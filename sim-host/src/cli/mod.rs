@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use leg_program::policy_file::PolicyBlob;
+use leg_process::policy_file::PolicyFile;
 
 /// Plays the leg to a controller. Without a command: the shore, the leg's way
 /// out of the sea onto land.
@@ -115,8 +115,8 @@ fn misuse(error: impl fmt::Display) -> anyhow::Error {
 
 /// The policy to run, checked. A controller process checks it too; first here,
 /// so that what is wrong with it is said once, by the program that was called.
-fn checked_policy(path: Option<&Path>) -> anyhow::Result<PolicyBlob> {
-    let blob = PolicyBlob::load(path).map_err(misuse)?;
+fn checked_policy(path: Option<&Path>) -> anyhow::Result<PolicyFile> {
+    let blob = PolicyFile::load(path).map_err(misuse)?;
     blob.policy().map_err(misuse)?;
     Ok(blob)
 }

@@ -7,7 +7,7 @@ use anyhow::Context;
 
 use super::misuse;
 use crate::plot::{Course, picture};
-use leg_program::output;
+use leg_process::atomic_file;
 
 /// Draws a recording over time: height, velocity at each apex and set-point,
 /// density, commands; what happened, and when the leg was under a safe command.
@@ -46,7 +46,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     }
     let svg = picture::draw(&course)
         .map_err(|cause| anyhow::anyhow!("cannot draw the picture: {cause}"))?;
-    output::replace(&args.out, svg.as_bytes())
+    atomic_file::write(&args.out, svg.as_bytes())
         .with_context(|| format!("cannot write {}", args.out.display()))?;
     Ok(ExitCode::SUCCESS)
 }

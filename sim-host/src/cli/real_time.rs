@@ -8,8 +8,8 @@ use leg_host::realtime::cli::{RealTimeArgs, parse_cpu};
 use leg_host::realtime::drive::Options as LoopOptions;
 use leg_host::realtime::{self, Ends, LoopReport, Plain, Shared};
 use leg_host::{Pace, Role, memory};
-use leg_program::Stop;
-use leg_program::print;
+use leg_process::Stop;
+use leg_process::stdout;
 
 use super::recording::Recording;
 use super::{checked_policy, misuse, run};
@@ -74,12 +74,12 @@ pub(super) fn main(
         json["pace"] = serde_json::to_value(Pace::RealTime)?;
         json["loop"] = serde_json::to_value(report)?;
         json["controller_loop"] = serde_json::to_value(controller)?;
-        print::line(json)?;
+        stdout::print_line(json)?;
     } else {
         run::print_summary(&outcome)?;
-        print::line(format_args!("state hash {:016x}\n\n{report}", outcome.state_hash))?;
+        stdout::print_line(format_args!("state hash {:016x}\n\n{report}", outcome.state_hash))?;
         if let Some(report) = controller {
-            print::line(format_args!("\n{report}"))?;
+            stdout::print_line(format_args!("\n{report}"))?;
         }
     }
     let status = run::verdict(&outcome);

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use leg_program::policy_file::PolicyBlob;
-use leg_program::print;
+use leg_process::policy_file::PolicyFile;
+use leg_process::stdout;
 
 use super::misuse;
 use crate::replay;
@@ -26,15 +26,15 @@ pub(super) struct Args {
 }
 
 pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
-    let other = args.policy.as_deref().map(PolicyBlob::read).transpose().map_err(misuse)?;
+    let other = args.policy.as_deref().map(PolicyFile::read).transpose().map_err(misuse)?;
     let report = replay::replay(&args.recording, other.as_ref()).map_err(misuse)?;
     for warning in &report.warnings {
         eprintln!("sim-host: warning: {warning}");
     }
     if args.json {
-        print::line(serde_json::to_string(&report)?)?;
+        stdout::print_line(serde_json::to_string(&report)?)?;
     } else {
-        print::line(&report)?;
+        stdout::print_line(&report)?;
     }
     Ok(if report.equal { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Context;
-use leg_program::print;
+use leg_process::stdout;
 
 use super::{checked_policy, misuse};
 use crate::robustness::{Media, Size, picture, sweep};
-use leg_program::output::Pending;
+use leg_process::atomic_file::AtomicFile;
 
 const MOST_RUNS: u64 = 100_000;
 
@@ -64,23 +64,23 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     finish(svg, &drawn)?;
     finish(csv, &report.csv())?;
     if args.json {
-        print::line(serde_json::to_string(&report)?)?;
+        stdout::print_line(serde_json::to_string(&report)?)?;
     } else {
         let picture = args.out.join("robustness.svg");
-        print::line(format_args!("{report}\n  picture: {}", picture.display()))?;
+        stdout::print_line(format_args!("{report}\n  picture: {}", picture.display()))?;
     }
     Ok(ExitCode::SUCCESS)
 }
 
-fn begin(folder: &Path, name: &str) -> anyhow::Result<(Pending, PathBuf)> {
+fn begin(folder: &Path, name: &str) -> anyhow::Result<(AtomicFile, PathBuf)> {
     let path = folder.join(name);
     let pending = fs::create_dir_all(folder)
-        .and_then(|()| Pending::create(&path))
+        .and_then(|()| AtomicFile::create(&path))
         .with_context(|| cannot_write(&path))?;
     Ok((pending, path))
 }
 
-fn finish((mut file, path): (Pending, PathBuf), text: &str) -> anyhow::Result<()> {
+fn finish((mut file, path): (AtomicFile, PathBuf), text: &str) -> anyhow::Result<()> {
     use std::io::Write as _;
     file.write_all(text.as_bytes())
         .and_then(|()| file.finish())

@@ -13,8 +13,8 @@ use leg_host::patient::Notice;
 use leg_host::realtime::{LoopReport, Shared};
 use leg_host::shm::ConnectError;
 use leg_host::{Pace, Role, Terms};
-use leg_program::Stop;
-use leg_program::print;
+use leg_process::Stop;
+use leg_process::stdout;
 
 use super::recording::Recording;
 use super::{checked_policy, misuse, real_time};
@@ -78,11 +78,11 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let recorded = recording.finish(outcome.as_ref());
     let outcome = outcome?;
     if args.json {
-        print::line(serde_json::to_string(&outcome.report())?)?;
+        stdout::print_line(serde_json::to_string(&outcome.report())?)?;
     } else {
         print_summary(&outcome)?;
         let us = outcome.round_trips.quantiles_us();
-        print::line(format_args!(
+        stdout::print_line(format_args!(
             "{:.0} ticks/s; {} round trip p50 {:.2} us, p99 {:.2} us, p99.9 {:.2} us, max {:.1} us",
             outcome.ticks_per_s(),
             Role::Controller,
@@ -91,7 +91,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
             us.p99_9,
             us.max
         ))?;
-        print::line(format_args!("state hash {:016x}", outcome.state_hash))?;
+        stdout::print_line(format_args!("state hash {:016x}", outcome.state_hash))?;
     }
     let status = verdict(&outcome);
     recorded?;
@@ -241,13 +241,13 @@ pub(super) fn print_summary(outcome: &Outcome) -> io::Result<()> {
         Ending::Fall => "fell",
         Ending::Stopped => "stopped",
     };
-    print::line(format_args!(
+    stdout::print_line(format_args!(
         "{ending} after {:.3} s ({} ticks), {:.3} m",
         report.sim_time_s, report.ticks, report.distance_m
     ))?;
-    print::line(format_args!(
+    stdout::print_line(format_args!(
         "hops {}, apexes {}, falls {}, ticks in the safe state {}, samples rejected {}",
         report.hops, report.apexes, report.falls, report.safe_ticks, report.rejected
     ))?;
-    report.faults.iter().try_for_each(print::line)
+    report.faults.iter().try_for_each(stdout::print_line)
 }

@@ -8,8 +8,8 @@ use std::time::Duration;
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use leg_host::Pace;
-use leg_program::Stop;
-use leg_program::print;
+use leg_process::Stop;
+use leg_process::stdout;
 
 use super::checked_policy;
 use super::recording::Recording;
@@ -19,7 +19,7 @@ use crate::session::child::ControllerCall;
 use crate::session::two_processes::{self, Meeting, new_run_id};
 use crate::shore::track::ApexMark;
 use crate::shore::{Recorder, picture};
-use leg_program::output::Pending;
+use leg_process::atomic_file::AtomicFile;
 
 /// A line of the journal every so many metres.
 const JOURNAL_M: f64 = 5.0;
@@ -79,9 +79,9 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let report = recorder.report(&outcome, scenario.density.at(outcome.body.x_m));
     draw(picture, &recorder, &scenario).with_context(|| cannot_write(&path))?;
     if args.json {
-        print::line(serde_json::to_string(&report)?)?;
+        stdout::print_line(serde_json::to_string(&report)?)?;
     } else {
-        print::line(format_args!("\n{report}\n  picture: {}", path.display()))?;
+        stdout::print_line(format_args!("\n{report}\n  picture: {}", path.display()))?;
     }
     if report.falls > 0 {
         eprintln!("sim-host: the leg fell at x = {:.2} m", outcome.body.x_m);
@@ -106,13 +106,13 @@ fn meeting(args: &Args, scenario: &Scenario) -> Meeting {
 }
 
 /// The picture's file, begun, and its path.
-fn begin_picture(folder: &Path) -> anyhow::Result<(Pending, PathBuf)> {
+fn begin_picture(folder: &Path) -> anyhow::Result<(AtomicFile, PathBuf)> {
     let path = folder.join("shore.svg");
     if path.exists() && !path.is_file() {
         anyhow::bail!("{}: it is there and is not a file", cannot_write(&path));
     }
     let pending = std::fs::create_dir_all(folder)
-        .and_then(|()| Pending::create(&path))
+        .and_then(|()| AtomicFile::create(&path))
         .with_context(|| cannot_write(&path))?;
     Ok((pending, path))
 }
@@ -121,7 +121,7 @@ fn cannot_write(path: &Path) -> String {
     format!("cannot write {}; --out chooses another folder", path.display())
 }
 
-fn draw(mut file: Pending, recorder: &Recorder, scenario: &Scenario) -> anyhow::Result<()> {
+fn draw(mut file: AtomicFile, recorder: &Recorder, scenario: &Scenario) -> anyhow::Result<()> {
     let svg = picture::draw(recorder.track(), |x_m| scenario.density.at(x_m))
         .map_err(|cause| anyhow::anyhow!("cannot draw the picture: {cause}"))?;
     file.write_all(svg.as_bytes())?;
@@ -137,11 +137,11 @@ struct Journal {
 
 impl Journal {
     fn begin(policy: &str, scenario: &Scenario) -> io::Result<Self> {
-        print::line(format_args!(
+        stdout::print_line(format_args!(
             "Out of the sea: policy `{policy}`, {} Hz, lock-step, two processes",
             scenario.rate_hz
         ))?;
-        print::line(format_args!(
+        stdout::print_line(format_args!(
             "\n  {:>7}  {:>8}  {:>12}  {:>9}  {:>7}  {:>9}",
             "time", "distance", "apex velocity", "set-point", "density", "estimated"
         ))?;
@@ -169,7 +169,7 @@ impl Journal {
                 "  {t_s:>5.1} s  {x_m:>6.2} m  {vx_m_s:>8.3} m/s  {set_point_m_s:>5.1} m/s  {density_ratio:>7.3}  {density_estimate:>9.3}"
             );
             // What cannot be said on the way need not stop the run: the report will say why.
-            let _ = self.bar.suspend(|| print::line(line));
+            let _ = self.bar.suspend(|| stdout::print_line(line));
         }
     }
 

@@ -24,7 +24,7 @@ fn refusal(fault: &str) -> String {
 }
 
 fn with_policy<R>(play: impl FnOnce(Controller<'_>) -> R) -> R {
-    let blob: leg_program::policy_file::AlignedBytes = SHIPPED.into();
+    let blob: leg_process::policy_file::AlignedBytes = SHIPPED.into();
     let policy = Policy::parse(blob.as_slice()).unwrap();
     play(Controller::new(policy, Config::at_rate(1000).unwrap()))
 }

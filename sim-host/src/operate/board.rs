@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
 use leg_control::wire::flags;
-use leg_program::Stop;
+use leg_process::Stop;
 
 use crate::session::leg::{Leg, TickRecord};
 use leg_plant::EventKind;

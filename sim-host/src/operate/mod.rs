@@ -15,7 +15,7 @@ use leg_host::domain::DomainError;
 use leg_host::realtime::Shared;
 use leg_host::socket::SocketError;
 use leg_host::{Domain, Pace};
-use leg_program::Stop;
+use leg_process::Stop;
 
 use crate::session::{Hooks, Leg, TickRecord};
 

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use leg_control::control::{Config as Law, ConfigError, Controller};
 use leg_control::policy::{ParseError, Policy};
 use leg_control::wire::Command;
-use leg_program::policy_file::{AlignedBytes, BlobError, PolicyBlob};
+use leg_process::policy_file::{AlignedBytes, PolicyFile, PolicyFileError};
 
 use crate::record::read::ReadError;
 use crate::record::schema::Config;
@@ -35,7 +35,7 @@ pub enum ReplayError {
     Read(#[from] ReadError),
     /// The policy to try is none.
     #[error(transparent)]
-    Policy(#[from] BlobError),
+    Policy(#[from] PolicyFileError),
     /// The recording has no policy in it.
     #[error(
         "{}: the recording does not have the policy that ran, as when the controller was behind a bridge; --policy FILE names it",
@@ -78,7 +78,7 @@ pub enum ReplayError {
 ///
 /// # Errors
 /// [`ReplayError`] when there is nothing to play.
-pub fn replay(path: &Path, other: Option<&PolicyBlob>) -> Result<Report, ReplayError> {
+pub fn replay(path: &Path, other: Option<&PolicyFile>) -> Result<Report, ReplayError> {
     let summary = Summary::of(path)?;
     let law = law(path, &summary.config)?;
     let blobs: Vec<AlignedBytes> =

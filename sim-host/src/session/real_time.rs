@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 use crate::faults::stage::Faulty;
 use leg_host::realtime::{LoopReport, drive::Options as LoopOptions, run as run_loop};
 use leg_host::{LegLink, LinkError};
-use leg_program::Stop;
+use leg_process::Stop;
 
 use super::outcome::{Ending, Outcome};
 use super::timing::RoundTrips;

@@ -10,7 +10,7 @@ use leg_host::patient::{Notice, Patient};
 use leg_host::realtime::LoopReport;
 use leg_host::shm::{ConnectError, Missing, ShmLeg};
 use leg_host::{Domain, LegLink, Terms};
-use leg_program::Stop;
+use leg_process::Stop;
 
 use super::child::{ControllerCall, ControllerChild};
 use super::leg::TickRecord;

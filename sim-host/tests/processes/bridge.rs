@@ -13,7 +13,7 @@ use leg_host::flash::MemoryFlash;
 use leg_host::serial::client::{Client, HELLO_PATIENCE};
 use leg_host::serial::stream::over_unix;
 use leg_host::serial::{Endpoint, VirtualBoard};
-use leg_program::Stop;
+use leg_process::Stop;
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -429,7 +429,7 @@ fn what_cannot_be_bridged_is_refused_with_status_2() {
     std::fs::write(&bad, "no policy").unwrap();
     let controller = |arguments: &[&str]| place.start("controller", arguments).end();
     let upload = ["policy", "upload", text(&bad), "--unix", "nowhere"];
-    controller(&upload).assert(2, &["bad.bin is not a policy to run"]);
+    controller(&upload).assert(2, &["bad.bin is not a valid policy"]);
     controller(&["identify"]).assert(2, &["--serial", "required"]);
     controller(&["identify", "--unix", "nowhere"]).assert(1, &["nobody listens there"]);
     controller(&["--rate", "500", "identify", "--unix", "nowhere"])

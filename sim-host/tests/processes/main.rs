@@ -312,9 +312,9 @@ fn what_cannot_be_run_is_refused_with_status_2() {
     place.simulator(&["--scenario", scenario]).end().assert(2, &[scenario, "line 2", "sped"]);
 
     fs::write(place.policy(), "no policy").unwrap();
-    place.alone(&["--in-process"]).end().assert(2, &["policy.bin is not a policy to run"]);
+    place.alone(&["--in-process"]).end().assert(2, &["policy.bin is not a valid policy"]);
     let spawned = place.alone(&["--spawn"]).end();
-    spawned.assert(2, &["policy.bin is not a policy to run"]);
+    spawned.assert(2, &["policy.bin is not a valid policy"]);
     assert_eq!(spawned.err.lines().count(), 1, "{}", spawned.err);
     place.assert_clean();
 }

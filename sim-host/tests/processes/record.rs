@@ -9,7 +9,7 @@ use leg_control::policy::{Policy, SHIPPED};
 use leg_control::wire::{Command, Sample};
 use leg_host::Pace;
 use leg_host::memory::Inline;
-use leg_program::policy_file::AlignedBytes;
+use leg_process::policy_file::AlignedBytes;
 use rustix::process::Signal;
 use sim_host::record::read::{Entry, Reader};
 use sim_host::record::schema::{Config, End, Policy as PolicyMessage};

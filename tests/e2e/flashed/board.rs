@@ -10,7 +10,7 @@ use leg_control::serial::message::{Mode, Request, Statistics};
 use leg_control::wire::{Command, Sample};
 use leg_host::serial::client::{Client, HELLO_PATIENCE, Heard};
 use leg_host::serial::stream::{ByteStream, Endpoint};
-use leg_program::Stop;
+use leg_process::Stop;
 use tempfile::TempDir;
 
 /// Ticks a second of every test here.

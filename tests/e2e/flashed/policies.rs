@@ -1,7 +1,7 @@
 //! Policies to swap between.
 
 use leg_control::policy::{Manifest, Policy, SHIPPED, write};
-use leg_program::policy_file::AlignedBytes;
+use leg_process::policy_file::AlignedBytes;
 
 /// The shipped policy's actor with other gains and other clips: another policy,
 /// that hops as well.

@@ -11,8 +11,8 @@ use anyhow::anyhow;
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use leg_program::output::replace;
-use leg_program::print;
+use leg_process::atomic_file;
+use leg_process::stdout;
 
 use crate::{Claim, Extent, Figure, FiguresError, Made, Reference, Workshop, all, page};
 
@@ -77,7 +77,7 @@ pub fn main() -> ExitCode {
 
 /// Writes a whole file, or says which one could not be written and what to do.
 fn write(path: &Path, text: &str) -> Result<(), Failure> {
-    replace(path, text.as_bytes()).map_err(|cause| {
+    atomic_file::write(path, text.as_bytes()).map_err(|cause| {
         failed(anyhow!(
             "{}: cannot be written: {cause}; name another place with --out",
             path.display()
@@ -125,7 +125,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     let pairs: Vec<(&dyn Figure, &Made)> = made.iter().map(|(f, m)| (*f, m)).collect();
     let report = arguments.out.join("report.html");
     write(&report, &page(&pairs, &provenance))?;
-    print::line(summary(&pairs, &report, began.elapsed())).map_err(failed)
+    stdout::print_line(summary(&pairs, &report, began.elapsed())).map_err(failed)
 }
 
 /// The figures that were asked for, in their order.

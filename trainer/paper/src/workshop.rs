@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use indicatif::ProgressBar;
-use leg_program::output::replace;
+use leg_process::atomic_file;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -126,7 +126,8 @@ impl Workshop {
         } else {
             let part = make()?;
             let bytes = postcard::to_stdvec(&part).expect("a form in memory");
-            replace(&path, &bytes).map_err(|cause| FiguresError::Write { path, cause })?;
+            atomic_file::write(&path, &bytes)
+                .map_err(|cause| FiguresError::Write { path, cause })?;
             part
         };
         self.advance(cost_s);

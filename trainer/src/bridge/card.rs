@@ -5,7 +5,7 @@ use crate::policy::{Frozen, blob_of};
 use leg_control::actor::{ActionScaling, ObservationScaling};
 use leg_control::leg::LegModel;
 use leg_control::policy::{GainPoint, MAX_GAIN_POINTS, Manifest, Media, Policy, Provenance};
-use leg_program::policy_file::AlignedBytes;
+use leg_process::policy_file::AlignedBytes;
 use serde::{Deserialize, Serialize};
 
 /// The name under which a file's metadata holds its card.

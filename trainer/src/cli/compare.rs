@@ -8,7 +8,7 @@ use crate::evaluate::intervals::{Estimate, FEWEST};
 use crate::evaluate::tracking::Tracking;
 use clap::Args;
 use leg_control::policy::Policy;
-use leg_program::policy_file::PolicyBlob;
+use leg_process::policy_file::PolicyFile;
 use std::fmt::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -44,7 +44,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let bytes = [&arguments.a, &arguments.b].map(|path| PolicyBlob::read(path));
+    let bytes = [&arguments.a, &arguments.b].map(|path| PolicyFile::read(path));
     let [a, b] = bytes;
     let (a, b) = (a.map_err(input)?, b.map_err(input)?);
     let (first, second) = (a.policy().map_err(input)?, b.policy().map_err(input)?);

@@ -5,7 +5,7 @@ use super::{Failure, input};
 use crate::evaluate::conditions::Extent;
 use crate::evaluate::report::Report;
 use clap::Args;
-use leg_program::policy_file::PolicyBlob;
+use leg_process::policy_file::PolicyFile;
 use std::path::PathBuf;
 
 /// Seed of the starts, unless another is asked for. Trainings draw theirs
@@ -39,7 +39,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let bytes = PolicyBlob::read(&arguments.policy).map_err(input)?;
+    let bytes = PolicyFile::read(&arguments.policy).map_err(input)?;
     let policy = bytes.policy().map_err(input)?;
     let extent = if arguments.full { Extent::Full } else { Extent::Land };
     let report = Report::of(&policy, arguments.starts as usize, arguments.seed, extent);

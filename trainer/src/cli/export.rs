@@ -5,7 +5,7 @@ use super::output::{Target, print};
 use super::{Failure, failed, input};
 use crate::bridge::{c, onnx, safetensors};
 use clap::{Args, ValueEnum};
-use leg_program::policy_file::PolicyBlob;
+use leg_process::policy_file::PolicyFile;
 use std::path::PathBuf;
 
 const FORMATS: &str = "\
@@ -42,7 +42,7 @@ enum Format {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let bytes = PolicyBlob::load(arguments.policy.as_deref()).map_err(input)?;
+    let bytes = PolicyFile::load(arguments.policy.as_deref()).map_err(input)?;
     let policy = bytes.policy().map_err(input)?;
     let content = match arguments.to {
         Format::Safetensors => safetensors::export(&policy),

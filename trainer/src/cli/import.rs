@@ -10,7 +10,7 @@ use anyhow::{Context, anyhow};
 use clap::{Args, value_parser};
 use indicatif::{ProgressBar, ProgressStyle};
 use leg_control::policy::{GainPoint, Policy};
-use leg_program::policy_file::AlignedBytes;
+use leg_process::policy_file::AlignedBytes;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};

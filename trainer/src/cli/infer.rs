@@ -7,7 +7,7 @@ use anyhow::{Context, anyhow};
 use clap::Args;
 use leg_control::actor::Observation;
 use leg_control::policy::Policy;
-use leg_program::policy_file::PolicyBlob;
+use leg_process::policy_file::PolicyFile;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
@@ -26,7 +26,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let bytes = PolicyBlob::read(&arguments.policy).map_err(input)?;
+    let bytes = PolicyFile::read(&arguments.policy).map_err(input)?;
     let policy = bytes.policy().map_err(input)?;
     let from = &arguments.input;
     let source = if from == Path::new("-") {

@@ -4,7 +4,7 @@ use super::output::print;
 use super::{Failure, failed, input};
 use clap::Args;
 use leg_control::policy::{FORMAT_VERSION, Manifest, PREAMBLE_LEN, Policy, TestVector};
-use leg_program::policy_file::PolicyBlob;
+use leg_process::policy_file::PolicyFile;
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -15,7 +15,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let bytes = PolicyBlob::read(&arguments.policy).map_err(input)?;
+    let bytes = PolicyFile::read(&arguments.policy).map_err(input)?;
     let policy = bytes.policy().map_err(input)?;
     let vectors = test_vectors(bytes.as_slice()).map_err(failed)?;
     let text = describe(&policy, bytes.as_slice().len(), &vectors).map_err(failed)?;

@@ -2,7 +2,7 @@
 
 use super::{Failure, failed};
 use anyhow::anyhow;
-use leg_program::output::{Pending, replace};
+use leg_process::atomic_file::{self, AtomicFile};
 use std::path::Path;
 
 /// A file to write, and the option that names it.
@@ -20,17 +20,17 @@ impl Target<'_> {
     }
 
     /// Begins a file, which gets its name when it is finished.
-    pub(crate) fn begin(&self) -> Result<Pending, Failure> {
-        Pending::create(self.path).map_err(|e| self.unwritten(&e))
+    pub(crate) fn begin(&self) -> Result<AtomicFile, Failure> {
+        AtomicFile::create(self.path).map_err(|e| self.unwritten(&e))
     }
 
     /// Writes a whole file.
     pub(crate) fn write(&self, content: &[u8]) -> Result<(), Failure> {
-        replace(self.path, content).map_err(|e| self.unwritten(&e))
+        atomic_file::write(self.path, content).map_err(|e| self.unwritten(&e))
     }
 }
 
 /// Prints a text and a newline.
 pub(crate) fn print(text: &str) -> Result<(), Failure> {
-    leg_program::print::line(text).map_err(failed)
+    leg_process::stdout::print_line(text).map_err(failed)
 }

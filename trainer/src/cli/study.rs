@@ -14,7 +14,7 @@ use crate::study::{StudyError, list, merge};
 use anyhow::{Context, anyhow};
 use clap::{Args, Subcommand};
 use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
-use leg_program::Stop;
+use leg_process::Stop;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::sync::mpsc::RecvTimeoutError;

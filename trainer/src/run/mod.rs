@@ -26,7 +26,7 @@ use crate::train::{EpisodeRecord, Training};
 use checkpoint::{Checkpoint, Keeper};
 use collapse::Watch;
 use error::RunError;
-use leg_program::Stop;
+use leg_process::Stop;
 use log::Log;
 use progress::Progress;
 use recent::Recent;

@@ -4,7 +4,7 @@ use super::StudyError;
 use super::plan::Plan;
 use super::run::SeedRun;
 use crate::evaluate::goals::Figure;
-use leg_program::output::replace;
+use leg_process::atomic_file;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt::Display;
@@ -93,7 +93,8 @@ impl Folder {
         } else {
             fs::create_dir_all(path).map_err(StudyError::file(path))?;
             // Shards that begin at the same time write the same.
-            replace(&file, plan.to_toml().as_bytes()).map_err(StudyError::file(&file))?;
+            atomic_file::write(&file, plan.to_toml().as_bytes())
+                .map_err(StudyError::file(&file))?;
         }
         Ok(Self { path: path.into(), plan })
     }
@@ -197,7 +198,7 @@ impl Folder {
 
     pub(super) fn write(&self, seed: u64, name: &str, content: &[u8]) -> Result<(), StudyError> {
         let file = self.seed(seed).join(name);
-        replace(&file, content).map_err(StudyError::file(&file))
+        atomic_file::write(&file, content).map_err(StudyError::file(&file))
     }
 }
 

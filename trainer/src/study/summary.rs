@@ -6,7 +6,7 @@ use super::picture;
 use super::plan::Plan;
 use crate::evaluate::goals::{Better, Figure, Goal, robust};
 use crate::evaluate::survival::quantile;
-use leg_program::output::replace;
+use leg_process::atomic_file;
 use serde::Serialize;
 
 /// A study that is whole.
@@ -196,7 +196,7 @@ impl Summary {
             ("summary.svg", svg.into_bytes()),
         ] {
             let file = folder.path().join(name);
-            replace(&file, &content).map_err(StudyError::file(&file))?;
+            atomic_file::write(&file, &content).map_err(StudyError::file(&file))?;
         }
         Ok(())
     }

@@ -12,8 +12,8 @@ use serde_json::{Map, Value, json};
 
 use count::{CountError, Counts};
 use leg_control::policy::Policy;
-use leg_program::policy_file::{BlobError, PolicyBlob};
-use leg_program::print;
+use leg_process::policy_file::{PolicyFile, PolicyFileError};
+use leg_process::stdout;
 use workload::{Kind, Moment, Ticks, infer};
 
 /// Calls that are timed together: a look at the clock takes as long as a tick.
@@ -44,7 +44,7 @@ pub struct Args {
 pub enum BenchError {
     /// There is no policy to measure.
     #[error(transparent)]
-    Policy(#[from] BlobError),
+    Policy(#[from] PolicyFileError),
     /// The instructions' counter failed in the copy.
     #[error("cannot be counted: {0}")]
     Copy(String),
@@ -78,7 +78,7 @@ struct Measured {
 /// # Errors
 /// [`BenchError`]. Instructions that cannot be counted are no error: it says why.
 pub fn run(args: &Args) -> Result<(), BenchError> {
-    let blob = PolicyBlob::load(args.policy.as_deref())?;
+    let blob = PolicyFile::load(args.policy.as_deref())?;
     let policy = blob.policy()?;
     if args.copy {
         return count::be_counted(&policy).map_err(|cause| BenchError::Copy(cause.to_string()));
@@ -89,9 +89,9 @@ pub fn run(args: &Args) -> Result<(), BenchError> {
         counts: copy(args).map_err(CountError::Start).and_then(|mut copy| count::count(&mut copy)),
     };
     if args.json {
-        print::line(measured.json())?;
+        stdout::print_line(measured.json())?;
     } else {
-        print::line(measured)?;
+        stdout::print_line(measured)?;
     }
     Ok(())
 }

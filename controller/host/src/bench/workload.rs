@@ -117,11 +117,11 @@ impl<'a> Ticks<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use leg_program::policy_file::PolicyBlob;
+    use leg_process::policy_file::PolicyFile;
 
     #[test]
     fn the_leg_hops_and_every_kind_of_tick_is_there() {
-        let blob = PolicyBlob::load(None).unwrap();
+        let blob = PolicyFile::load(None).unwrap();
         let ticks = Ticks::of(&blob.policy().unwrap());
         let count = |kind| ticks.of_kind(kind).len();
         assert!((3..10).contains(&count(Kind::Apex)), "{}", count(Kind::Apex));

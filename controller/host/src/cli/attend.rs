@@ -14,8 +14,8 @@ use crate::shelf;
 use crate::shm::{ConnectError, ShmController};
 use crate::{Domain, Terms};
 use leg_control::control::Config;
-use leg_program::Stop;
-use leg_program::policy_file::PolicyBlob;
+use leg_process::Stop;
+use leg_process::policy_file::PolicyFile;
 
 /// Attends to legs, one after the other.
 pub(super) struct Attendant {
@@ -47,15 +47,15 @@ impl Attendant {
     /// Takes the role, and opens the desk.
     fn begin(args: &Args, figures: &Shared) -> Result<Self, CliError> {
         let config = Config::at_rate(args.rate)?.with_gravity(args.gravity)?;
-        let blob = PolicyBlob::load(args.policy.as_deref())?;
+        let blob = PolicyFile::load(args.policy.as_deref())?;
         let leg = blob.policy()?.manifest().leg;
         let policy = shelf::keep(blob.as_slice())?;
         let (stop, reload) = match &args.policy {
             // Without a file there is nothing to read again.
             None => (Stop::on_signals().map_err(CliError::Signals)?, None),
             Some(policy) => {
-                let (stop, hang_up) = Stop::on_signals_but_hang_up().map_err(CliError::Signals)?;
-                (stop, Some(Reload { hang_up, policy: policy.clone() }))
+                let (stop, sighup) = Stop::on_signals_except_sighup().map_err(CliError::Signals)?;
+                (stop, Some(Reload { sighup, policy: policy.clone() }))
             }
         };
 

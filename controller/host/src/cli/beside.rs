@@ -12,8 +12,8 @@ use crate::desk::Desk;
 use crate::desk::requests::Request;
 use crate::office::Office;
 use crate::{Domain, Role};
-use leg_program::Stop;
-use leg_program::stop::{HangUp, HungUp};
+use leg_process::Stop;
+use leg_process::signals::{SighupAction, SighupListener};
 
 /// Between two rounds of the clerk.
 const ROUND: Duration = Duration::from_millis(10);
@@ -21,7 +21,7 @@ const ROUND: Duration = Duration::from_millis(10);
 /// A file to read again at a SIGHUP.
 #[derive(Debug)]
 pub(super) struct Reload {
-    pub(super) hang_up: HangUp,
+    pub(super) sighup: SighupListener,
     pub(super) policy: PathBuf,
 }
 
@@ -90,10 +90,10 @@ impl Drop for Beside {
 
 impl Reload {
     fn look(&self, office: &Mutex<Office>, stop: &Stop) {
-        match self.hang_up.take() {
+        match self.sighup.take() {
             None => (),
-            Some(HungUp::TerminalClosed) => stop.raise(),
-            Some(HungUp::Reload) => {
+            Some(SighupAction::TerminalClosed) => stop.raise(),
+            Some(SighupAction::Reload) => {
                 let swapped = lock(office).swap_file(&self.policy);
                 match swapped {
                     Ok(swapping) => say(format_args!(

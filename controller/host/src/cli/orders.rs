@@ -14,8 +14,8 @@ use crate::card::Pace;
 use crate::desk::requests::{Activity, Moment, Request, Status, Swapping};
 use crate::desk::{self, AskError};
 use crate::domain::DomainError;
-use leg_program::policy_file::{BlobError, PolicyBlob};
-use leg_program::print;
+use leg_process::policy_file::{PolicyFile, PolicyFileError};
+use leg_process::stdout;
 
 /// Between two looks whether a swap is in force.
 const LOOK: Duration = Duration::from_millis(10);
@@ -51,7 +51,7 @@ pub struct StatusArgs {
 pub enum OrderError {
     /// The file cannot be read.
     #[error(transparent)]
-    File(#[from] BlobError),
+    File(#[from] PolicyFileError),
     /// The controller cannot be asked, or will not.
     #[error(transparent)]
     Ask(#[from] AskError),
@@ -94,7 +94,7 @@ pub(super) fn swap(args: &SwapArgs) -> ExitCode {
 
 fn try_swap(args: &SwapArgs) -> Result<(), OrderError> {
     let SwapArgs { file, meeting, json } = args;
-    let blob = PolicyBlob::read(file)?.as_slice().to_vec();
+    let blob = PolicyFile::read(file)?.as_slice().to_vec();
     let begun = Instant::now();
     let file = file.display().to_string();
     let swapping: Swapping = ask(meeting, &Request::Swap { file, blob })?;
@@ -110,7 +110,7 @@ fn try_swap(args: &SwapArgs) -> Result<(), OrderError> {
         std::thread::sleep(LOOK);
     };
     if *json {
-        print::line(serde_json::to_string(&status)?)?;
+        stdout::print_line(serde_json::to_string(&status)?)?;
         return Ok(());
     }
     let Swapping { policy, instead_of, .. } = &swapping;
@@ -123,7 +123,7 @@ fn try_swap(args: &SwapArgs) -> Result<(), OrderError> {
         let waited_s = begun.elapsed().as_secs_f64();
         format!("is taken, and still waits for an apex after {waited_s:.1} s")
     };
-    print::line(format_args!("the policy {} ({}) {outcome}", policy.name, policy.crc32))?;
+    stdout::print_line(format_args!("the policy {} ({}) {outcome}", policy.name, policy.crc32))?;
     Ok(())
 }
 
@@ -135,9 +135,9 @@ pub(super) fn status(args: &StatusArgs) -> ExitCode {
 fn try_status(args: &StatusArgs) -> Result<(), OrderError> {
     let status: Status = ask(&args.meeting, &Request::Status)?;
     if args.json {
-        print::line(serde_json::to_string(&status)?)?;
+        stdout::print_line(serde_json::to_string(&status)?)?;
     } else {
-        print::line(Table(&status))?;
+        stdout::print_line(Table(&status))?;
     }
     Ok(())
 }

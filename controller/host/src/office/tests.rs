@@ -76,7 +76,7 @@ fn what_is_refused_leaves_the_old_one_and_says_why() {
     let mut bad = other();
     bad[200] ^= 4;
     let why = office.swap("bad.bin", &bad).unwrap_err();
-    assert!(why.contains("bad.bin is not a policy to run") && why.contains("stays"), "{why}");
+    assert!(why.contains("bad.bin is not a valid policy") && why.contains("stays"), "{why}");
     let missing = office.swap_file(Path::new("/no/where.bin")).unwrap_err();
     assert!(missing.contains("/no/where.bin"), "{missing}");
     controller.tick(Some(&hopping(1, 0)));

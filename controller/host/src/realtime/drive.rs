@@ -14,7 +14,7 @@ use super::pacer::{Pacer, Tick};
 use super::privileges::Privileges;
 use super::row::{Counters, Row, Word};
 use super::tally::Tally;
-use leg_program::stop::Stop;
+use leg_process::signals::Stop;
 
 /// A tick that begins later than this part of a tick counts as late.
 const LATE: u64 = 10;

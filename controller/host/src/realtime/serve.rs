@@ -5,7 +5,7 @@ use super::control::{ControllerTask, Ends, Law};
 use super::drive::{Options, run};
 use super::report::LoopReport;
 use leg_control::wire::Command;
-use leg_program::stop::Stop;
+use leg_process::signals::Stop;
 
 /// What serving came to.
 #[derive(Clone, Debug)]

@@ -7,7 +7,7 @@ use super::super::link::{Link, LinkError};
 use super::*;
 use crate::{Role, memory};
 use leg_control::wire::{Command, Header, Sample, flags};
-use leg_program::Stop;
+use leg_process::Stop;
 
 const TICK_NS: u64 = 1_000_000;
 

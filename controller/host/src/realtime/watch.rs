@@ -7,7 +7,7 @@ use super::super::card::Role;
 use super::super::link::LinkError;
 use super::super::payload::Message;
 use super::super::shm::{Keeper, Peer, ShmLink, Turn};
-use leg_program::stop::Stop;
+use leg_process::signals::Stop;
 
 /// The end of a loop's patience: how the peer was lost that has not come back.
 pub type GaveUp = Arc<OnceLock<LinkError>>;

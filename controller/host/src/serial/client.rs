@@ -20,7 +20,7 @@ use leg_control::serial::message::{
     Alarm, LineCounts, Refusal, Reply, Request, SlotReport, Statistics, ToController, ToHost,
 };
 use leg_control::wire::{Command, Sample};
-use leg_program::Stop;
+use leg_process::Stop;
 
 /// How long to say hello: the first byte may be lost, and an emulator needs a while to boot.
 pub const HELLO_PATIENCE: Duration = Duration::from_secs(3);

@@ -19,9 +19,9 @@ use crate::flash::MemoryFlash;
 use crate::socket::{SocketError, SocketFile};
 use leg_control::serial::PROTOCOL_VERSION;
 use leg_control::serial::message::{Mode, Slot, SlotReport};
-use leg_program::Stop;
-use leg_program::policy_file::{BlobError, PolicyBlob};
-use leg_program::print;
+use leg_process::Stop;
+use leg_process::policy_file::{PolicyFile, PolicyFileError};
+use leg_process::stdout;
 
 /// A command to a flashed controller.
 #[derive(Clone, Debug, clap::Subcommand)]
@@ -105,7 +105,7 @@ pub struct VirtualBoardArgs {
 pub enum CommandError {
     /// The local file is no policy to run.
     #[error(transparent)]
-    Policy(#[from] BlobError),
+    Policy(#[from] PolicyFileError),
     /// The line could not be opened.
     #[error(transparent)]
     Open(#[from] OpenError),
@@ -158,7 +158,7 @@ fn policy(command: &PolicyCommand, stop: &Stop) -> Result<(), CommandError> {
         }
         PolicyCommand::Upload { file, line, wait } => {
             // First of all: a bad file is never begun with.
-            let blob = PolicyBlob::read(file)?;
+            let blob = PolicyFile::read(file)?;
             let policy = blob.policy()?;
             let (mut client, _) = connect(line, stop)?;
             let shows = !line.json && io::stderr().is_terminal();
@@ -220,7 +220,7 @@ fn connect(line: &Line, stop: &Stop) -> Result<(Client, Who), CommandError> {
 fn virtual_board(args: &VirtualBoardArgs, stop: &Stop) -> Result<(), CommandError> {
     let mut flash = MemoryFlash::new();
     if !args.empty {
-        let blob = PolicyBlob::load(args.policy.as_deref())?;
+        let blob = PolicyFile::load(args.policy.as_deref())?;
         blob.policy()?;
         flash = flash.loaded(Slot::A, blob.as_slice());
     }
@@ -233,7 +233,7 @@ fn virtual_board(args: &VirtualBoardArgs, stop: &Stop) -> Result<(), CommandErro
 }
 
 fn print(line: &Line, json: &Value, text: &str) -> Result<(), CommandError> {
-    let printed = if line.json { print::line(json) } else { print::line(text) };
+    let printed = if line.json { stdout::print_line(json) } else { stdout::print_line(text) };
     printed.map_err(|cause| CommandError::System("print the result", cause))
 }
 

@@ -43,7 +43,7 @@ pub fn refusal(refusal: &Refusal) -> String {
             "what arrived has checksum {crc32:08x}, which is not that announced; begin the upload \
              anew"
         ),
-        Refusal::Blob(fault) => format!("what arrived is not a policy to run: {}", blob(fault)),
+        Refusal::Blob(fault) => format!("what arrived is not a valid policy: {}", blob(fault)),
         Refusal::NothingToRollBackTo(fault) => {
             format!("the other slot has nothing to go back to: {}", slot(fault))
         }

@@ -14,8 +14,8 @@ use leg_control::checksum::crc32;
 use leg_control::policy::SHIPPED;
 use leg_control::serial::message::{Alarm, Mode, Refusal, Request, Slot, SlotFault};
 use leg_control::wire::{Header, Sample};
-use leg_program::Stop;
-use leg_program::policy_file::PolicyBlob;
+use leg_process::Stop;
+use leg_process::policy_file::PolicyFile;
 
 const SHORT: Duration = Duration::from_millis(50);
 const LONG: Duration = Duration::from_secs(10);
@@ -173,7 +173,7 @@ fn a_board_without_a_policy_says_so_and_takes_one() {
     assert!(text.contains("slot A: empty") && text.contains("policy upload"), "{text}");
     assert_eq!(client.identify(LONG).unwrap().policy, None);
 
-    let blob = PolicyBlob::load(None).unwrap();
+    let blob = PolicyFile::load(None).unwrap();
     let policy = blob.policy().unwrap();
     let done = upload(&mut client, &policy, blob.as_slice(), LONG, |_| ()).unwrap();
     assert!(done.slot == Slot::A && done.swapped_after.is_some(), "{done:?}");
@@ -185,7 +185,7 @@ fn an_upload_comes_through_noise_both_ways() {
     let (here, there) = pair();
     let mut client = Client::new(Box::new(Noisy::new(here, 0.002, 1)), &Stop::default());
     let _bench = Bench::new(there, shipped());
-    let blob = PolicyBlob::load(None).unwrap();
+    let blob = PolicyFile::load(None).unwrap();
     let policy = blob.policy().unwrap();
     let mut progress = Vec::new();
     let done = upload(&mut client, &policy, blob.as_slice(), LONG, |p| progress.push(p)).unwrap();
@@ -236,7 +236,7 @@ fn a_serial_port_is_a_stream_too() {
     let _bench = Bench::new(Box::new(master), shipped());
     let mut client = Client::new(stream, &Stop::default());
     assert_eq!(client.identify(LONG).unwrap().board, "virtual");
-    let blob = PolicyBlob::load(None).unwrap();
+    let blob = PolicyFile::load(None).unwrap();
     let policy = blob.policy().unwrap();
     let done = upload(&mut client, &policy, blob.as_slice(), LONG, |_| ()).unwrap();
     assert!(done.swapped_after.is_some(), "all bytes go through as they are");

@@ -1,4 +1,4 @@
-//! A policy file in memory, where its weights can be read in place.
+//! Policy files in memory, aligned so that the weights can be read in place.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -6,32 +6,32 @@ use std::path::{Path, PathBuf};
 
 use leg_control::policy::{self, ParseError, Policy};
 
-/// A blob has at most four layers 128 wide: a file beyond this is something else.
+/// Largest policy file, bytes. The largest valid blob (four layers of width 128) is smaller.
 pub const MAX_BYTES: u64 = 1 << 20;
 
-/// Why a file is no policy to run.
+/// A policy file could not be loaded.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum BlobError {
-    /// It cannot be read.
+pub enum PolicyFileError {
+    /// The file cannot be read.
     #[error("cannot read the policy {}: {cause}", path.display())]
     Read {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the system.
         cause: io::Error,
     },
-    /// It fails a check.
-    #[error("{} is not a policy to run: {cause}", path.display())]
+    /// The file is not a valid policy blob.
+    #[error("{} is not a valid policy: {cause}", path.display())]
     Parse {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Which.
+        /// The check that failed.
         cause: ParseError,
     },
 }
 
-/// Bytes at a 4-byte aligned address, as [`Policy::parse`] wants them.
+/// Bytes at a 4-byte aligned address, as [`Policy::parse`] requires.
 #[derive(Clone, Debug)]
 pub struct AlignedBytes {
     words: Vec<u32>,
@@ -39,30 +39,30 @@ pub struct AlignedBytes {
 }
 
 impl AlignedBytes {
-    /// So many zeros, to be written to.
+    /// Creates a buffer of `len` zero bytes.
     #[must_use]
     pub fn zeros(len: usize) -> Self {
         Self { words: vec![0; len.div_ceil(4)], len }
     }
 
-    /// The bytes.
+    /// Returns the bytes.
     #[must_use]
     pub fn as_slice(&self) -> &[u8] {
         &bytemuck::cast_slice(&self.words)[..self.len]
     }
 
-    /// The bytes, to be written to.
+    /// Returns the bytes for writing.
     pub fn as_mut_slice(&mut self) -> &mut [u8] {
         &mut bytemuck::cast_slice_mut(&mut self.words)[..self.len]
     }
 
-    /// The bytes, for the life of the process.
+    /// Leaks the buffer and returns its bytes.
     #[must_use]
     pub fn leak(self) -> &'static [u8] {
         &bytemuck::cast_slice(self.words.leak())[..self.len]
     }
 
-    /// Only the first bytes, if there are more.
+    /// Shortens the buffer to at most `len` bytes.
     pub fn truncate(&mut self, len: usize) {
         self.len = self.len.min(len);
     }
@@ -76,52 +76,53 @@ impl From<&[u8]> for AlignedBytes {
     }
 }
 
-/// A policy file in memory.
+/// A policy file in memory, with its path for messages.
 #[derive(Clone, Debug)]
-pub struct PolicyBlob {
+pub struct PolicyFile {
     path: PathBuf,
     bytes: AlignedBytes,
 }
 
-impl PolicyBlob {
-    /// The given file or, without one, the policy shipped with the program;
-    /// nothing is checked yet.
+impl PolicyFile {
+    /// Reads the file at `path` or, without a path, returns the policy that is
+    /// compiled in. The content is not checked; see [`PolicyFile::policy`].
     ///
     /// # Errors
-    /// [`BlobError::Read`].
-    pub fn load(path: Option<&Path>) -> Result<Self, BlobError> {
+    /// Returns [`PolicyFileError::Read`] when the file cannot be read.
+    pub fn load(path: Option<&Path>) -> Result<Self, PolicyFileError> {
         let shipped = || Self { path: "the shipped policy".into(), bytes: policy::SHIPPED.into() };
         path.map_or_else(|| Ok(shipped()), Self::read)
     }
 
-    /// Reads a file; nothing is checked yet.
+    /// Reads the file at `path`. The content is not checked; see
+    /// [`PolicyFile::policy`].
     ///
     /// # Errors
-    /// [`BlobError::Read`].
-    pub fn read(path: &Path) -> Result<Self, BlobError> {
+    /// Returns [`PolicyFileError::Read`] when the file cannot be read.
+    pub fn read(path: &Path) -> Result<Self, PolicyFileError> {
         let mut bytes = Vec::new();
         File::open(path)
             .and_then(|file| file.take(MAX_BYTES + 1).read_to_end(&mut bytes))
-            .map_err(|cause| BlobError::Read { path: path.to_owned(), cause })?;
+            .map_err(|cause| PolicyFileError::Read { path: path.to_owned(), cause })?;
         Ok(Self { path: path.to_owned(), bytes: bytes.as_slice().into() })
     }
 
-    /// The policy in it, every check passed.
+    /// Parses and checks the policy.
     ///
     /// # Errors
-    /// [`BlobError::Parse`].
-    pub fn policy(&self) -> Result<Policy<'_>, BlobError> {
+    /// Returns [`PolicyFileError::Parse`] with the check that failed.
+    pub fn policy(&self) -> Result<Policy<'_>, PolicyFileError> {
         Policy::parse(self.as_slice())
-            .map_err(|cause| BlobError::Parse { path: self.path.clone(), cause })
+            .map_err(|cause| PolicyFileError::Parse { path: self.path.clone(), cause })
     }
 
-    /// Its file; words in its place for the shipped policy.
+    /// Returns the path, or a description for the compiled-in policy.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Its bytes.
+    /// Returns the bytes of the file.
     #[must_use]
     pub fn as_slice(&self) -> &[u8] {
         self.bytes.as_slice()
