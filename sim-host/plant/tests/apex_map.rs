@@ -2,7 +2,6 @@
 
 mod common;
 
-
 use common::{Case, GOLDEN, for_each_row};
 use leg_plant::{Hop, Outcome};
 
