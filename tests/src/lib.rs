@@ -25,7 +25,7 @@ pub fn program(name: &str) -> Command {
         let this = std::env::current_exe().expect("the path of this test");
         let folder = this.parent().and_then(|deps| deps.parent()).expect("target/PROFILE/deps");
         let mut build = Command::new(env!("CARGO"));
-        build.args(["test", "--no-run", "--quiet", "--workspace", "--all-features"]);
+        build.args(["test", "--no-run", "--quiet", "--workspace"]);
         if folder.ends_with("release") {
             build.arg("--release");
         }

@@ -179,21 +179,24 @@ pub const CHROMIUM_NAMES: [&str; 3] = ["chromium", "chromium-browser", "google-c
 /// names, or `../shared/reference` beside the checkout.
 #[must_use]
 pub fn reference_data() -> Option<PathBuf> {
-    let named = std::env::var_os("LEG_REFERENCE_DATA").map(PathBuf::from);
-    Requirement::Reference.check(folder(named.unwrap_or_else(reference_beside_checkout)))
+    let folder = reference_folder();
+    let found = if folder.is_dir() {
+        Ok(folder)
+    } else {
+        let folder = folder.display();
+        Err(format!("there is no folder {folder}; LEG_REFERENCE_DATA names another"))
+    };
+    Requirement::Reference.check(found)
 }
 
-/// Returns where the authors' data lie unless `LEG_REFERENCE_DATA` names another folder.
+/// Returns where [`reference_data`] looks.
 #[must_use]
-pub fn reference_beside_checkout() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/reference")
-}
-
-fn folder(path: PathBuf) -> Result<PathBuf, String> {
-    if path.is_dir() {
-        return Ok(path);
-    }
-    Err(format!("there is no folder {}; LEG_REFERENCE_DATA names another", path.display()))
+pub fn reference_folder() -> PathBuf {
+    let beside_checkout = || {
+        let checkout = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+        checkout.canonicalize().unwrap_or(checkout).join("../shared/reference")
+    };
+    std::env::var_os("LEG_REFERENCE_DATA").map_or_else(beside_checkout, PathBuf::from)
 }
 
 /// Returns whether this process has the rights of the superuser.

@@ -3,6 +3,7 @@
 mod budget;
 mod chaos;
 mod ci;
+mod examples;
 mod flash;
 mod hil;
 mod image;

@@ -10,6 +10,11 @@ use serde_json::Value;
 /// Ticks a second of the shore.
 const RATE_HZ: u64 = 1_000;
 
+/// Returns the folder that cargo builds into.
+pub(crate) fn target_folder() -> PathBuf {
+    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from)
+}
+
 /// The release builds.
 #[derive(Debug)]
 pub(crate) struct Programs {
@@ -25,9 +30,7 @@ impl Programs {
             .status()
             .context("cannot start cargo")?;
         ensure!(status.success(), "the programs do not build ({status})");
-        let target =
-            std::env::var_os("CARGO_TARGET_DIR").map_or(root().join("target"), PathBuf::from);
-        Ok(Self::of(target.join("release")))
+        Ok(Self::of(target_folder().join("release")))
     }
 
     /// Those in a folder, built before.

@@ -20,13 +20,16 @@ const EMULATION: [Program; 2] = [
     Program { names: &["arm-none-eabi-objdump"], package: "binutils-arm-none-eabi" },
 ];
 
-/// What reports are looked at with.
-const BROWSER: Program = Program { names: &requirements::CHROMIUM_NAMES, package: "chromium" };
+/// The C compiler for the exported policies, and the browser that lays out the report.
+const TESTS: [Program; 2] = [
+    Program { names: &["gcc"], package: "gcc" },
+    Program { names: &requirements::CHROMIUM_NAMES, package: "chromium" },
+];
 
 /// Installs what is missing.
 pub(crate) fn run() -> Result<()> {
     rust()?;
-    let programs: Vec<&Program> = EMULATION.iter().chain([&BROWSER]).collect();
+    let programs: Vec<&Program> = EMULATION.iter().chain(&TESTS).collect();
     install(&programs)?;
     let programs: Vec<&str> = programs.iter().map(|program| program.names[0]).collect();
     let (targets, programs) = (TARGETS.join(", "), programs.join(", "));
