@@ -98,8 +98,8 @@ impl Forwarder {
 
     /// While there is no simulator yet: others' requests, and what else comes.
     pub(super) fn serve_others(&mut self) -> Result<(), BridgeError> {
-        let step = self.run_errands().and_then(|()| self.target.client.listen(Duration::ZERO));
-        match step {
+        self.run_errands();
+        match self.target.client.listen(Duration::ZERO) {
             Ok(heard) => self.note(heard).map(|_| ()),
             Err(cause) => self.recover(cause, || Ok(())),
         }
@@ -121,7 +121,7 @@ impl Forwarder {
                     if sample.ends_the_run() {
                         return Ok(());
                     }
-                    self.ask(link, &sample, came)?;
+                    self.ask(&sample, came);
                 } else if self.asking.is_none() {
                     let is_busy = self.errand.is_some();
                     leg_wait = if is_busy { LEG_WAIT } else { LEG_WAIT_MAX.min(leg_wait * 2) };
@@ -160,23 +160,14 @@ impl Forwarder {
     }
 
     /// Sends a sample, in place of one that is unanswered (live).
-    fn ask(
-        &mut self,
-        link: &ShmController,
-        sample: &Sample,
-        came: Instant,
-    ) -> Result<(), BridgeError> {
+    fn ask(&mut self, sample: &Sample, came: Instant) {
         if self.asking.is_none() {
             self.last_life = came;
         }
         self.turn = self.turn.wrapping_add(1);
         let (turn, sample) = (self.turn, *sample);
-        let posted = self.target.client.post_sample(turn, &sample);
+        self.target.client.post_sample(turn, &sample);
         self.asking = Some(Asking { turn, sample, came, sending: came.elapsed() });
-        match posted {
-            Err(cause) => self.recover(cause, || link.check_peer()),
-            Ok(()) => Ok(()),
-        }
     }
 
     /// One look at the line, and what comes of it.
@@ -186,8 +177,8 @@ impl Forwarder {
             (None, _) => Duration::ZERO,
             (Some(_), _) => LINE_WAIT,
         };
-        let step = self.run_errands().and_then(|()| self.target.client.listen(wait));
-        let heard = match step {
+        self.run_errands();
+        let heard = match self.target.client.listen(wait) {
             Ok(heard) => heard,
             Err(cause) => return self.recover(cause, || link.check_peer()),
         };
@@ -204,10 +195,8 @@ impl Forwarder {
                 if let Some(asking) = &mut self.asking {
                     asking.turn = self.turn;
                 }
-                match self.ask_again() {
-                    Err(cause) => self.recover(cause, || link.check_peer()),
-                    Ok(()) => Ok(()),
-                }
+                self.ask_again();
+                Ok(())
             }
             Noted::Other => Ok(()),
         }
@@ -237,24 +226,21 @@ impl Forwarder {
     }
 
     /// Starts the next errand, if the line is free for it.
-    fn run_errands(&mut self) -> Result<(), ClientError> {
+    fn run_errands(&mut self) {
         self.give_up_errand();
         if self.errand.is_some() {
-            return Ok(());
+            return;
         }
         if self.held.is_some() {
             self.errand = Some(Errand::Check);
-            return self.target.client.post_request(&Request::Identify);
-        }
-        if let Some(asked) = self.share.as_ref().and_then(Share::next)
+            self.target.client.post_request(&Request::Identify);
+        } else if let Some(asked) = self.share.as_ref().and_then(Share::next)
             && let Some(request) = asked.request()
         {
-            let posted = self.target.client.post_request(&request);
+            self.target.client.post_request(&request);
             self.shared += 1;
             self.errand = Some(Errand::Other(asked));
-            return posted;
         }
-        Ok(())
     }
 
     /// Makes of what came a command to hand on, if it is one and to be trusted.
@@ -328,28 +314,24 @@ impl Forwarder {
     /// The line broke, or worse. When it is back, what was asked is asked again.
     fn recover(
         &mut self,
-        mut cause: ClientError,
+        cause: ClientError,
         mut still_wanted: impl FnMut() -> Result<(), LinkError>,
     ) -> Result<(), BridgeError> {
         if let Some(Errand::Other(asked)) = self.errand.take() {
             asked.hang_up();
         }
-        loop {
-            self.target.recover(cause, &mut still_wanted)?;
-            self.last_life = Instant::now();
-            match self.ask_again() {
-                Ok(()) => return Ok(()),
-                Err(error) => cause = error,
-            }
-        }
+        self.target.recover(cause, &mut still_wanted)?;
+        self.last_life = Instant::now();
+        self.ask_again();
+        Ok(())
     }
 
     /// The same turn again: a controller that has answered it gives the same answer.
-    fn ask_again(&mut self) -> Result<(), ClientError> {
+    fn ask_again(&mut self) {
         (self.held, self.safe_in_a_row) = (None, 0);
-        self.asking.map_or(Ok(()), |Asking { turn, sample, .. }| {
-            self.target.client.post_sample(turn, &sample)
-        })
+        if let Some(Asking { turn, sample, .. }) = self.asking {
+            self.target.client.post_sample(turn, &sample);
+        }
     }
 
     /// Lets the request that is under way come to its end.

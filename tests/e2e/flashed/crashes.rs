@@ -58,9 +58,8 @@ fn crash_of(session: u32) -> (Crash, i32) {
     let (mut seq, mut last) = (0, None);
     let crash = 'crash: loop {
         seq += 1;
-        // Once it has ended there is nobody to post to, but what it said last is
-        // still to be heard.
-        let _ = flashed.client.post_sample(seq as u32, &sample(seq));
+        // Once it has ended nobody takes the sample, but the alarm is still to be read.
+        flashed.client.post_sample(seq as u32, &sample(seq));
         while last.is_none_or(|(turn, _)| u64::from(turn) != seq) {
             assert!(begun.elapsed() < Duration::from_secs(30), "no crash in {seq} ticks");
             match flashed.client.listen(Duration::from_millis(100)) {

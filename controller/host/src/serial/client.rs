@@ -215,28 +215,24 @@ impl Client {
         self.stop = Stop::default();
     }
 
-    /// Sends a sample, in place of one that is unanswered. Turns ascend.
-    ///
-    /// # Errors
-    /// [`ClientError::Line`].
-    pub fn post_sample(&mut self, turn: u32, sample: &Sample) -> Result<(), ClientError> {
+    /// Sends a sample, in place of one that is unanswered. Turns ascend. When
+    /// the stream is broken, [`Client::listen`] reports it.
+    pub fn post_sample(&mut self, turn: u32, sample: &Sample) {
         let first = OpenTurns { from: turn, to: turn, answered: false };
         self.open = Some(self.open.map_or(first, |open| OpenTurns { to: turn, ..open }));
         let frame = frame_of(&ToController::Sample { turn, sample: *sample });
         let pending = self.turn.insert(Pending::new(turn, frame, &self.turn_pace));
-        say(&mut self.line, pending, &mut self.counts)
+        say(&mut self.line, pending, &mut self.counts);
     }
 
-    /// Sends a request, in place of one that is unanswered.
-    ///
-    /// # Errors
-    /// [`ClientError::Line`].
-    pub fn post_request(&mut self, request: &Request<'_>) -> Result<(), ClientError> {
+    /// Sends a request, in place of one that is unanswered. When the stream is
+    /// broken, [`Client::listen`] reports it.
+    pub fn post_request(&mut self, request: &Request<'_>) {
         let id = self.next_id;
         self.next_id = id.wrapping_add(1);
         let frame = frame_of(&ToController::Request { id, request: *request });
         let pending = self.request.insert(Pending::new(id, frame, &self.request_pace));
-        say(&mut self.line, pending, &mut self.counts)
+        say(&mut self.line, pending, &mut self.counts);
     }
 
     /// For how long the request posted last has been unanswered.
@@ -250,16 +246,17 @@ impl Client {
         self.request = None;
     }
 
-    /// Waits at most `timeout` for something to come, and says again what is
+    /// Waits at most `timeout` for something to come, and retransmits what is
     /// due. May return [`Heard::Nothing`] sooner.
     ///
     /// # Errors
-    /// [`ClientError::Line`], [`ClientError::Stopped`].
+    /// [`ClientError::Line`] when the stream is broken and everything that
+    /// arrived before was returned; [`ClientError::Stopped`].
     pub fn listen(&mut self, timeout: Duration) -> Result<Heard, ClientError> {
         if self.stop.is_raised() {
             return Err(ClientError::Stopped);
         }
-        self.say_what_is_due()?;
+        self.say_what_is_due();
         let due = [&self.turn, &self.request].into_iter().flatten().map(Pending::wait).min();
         let wait = timeout.min(due.unwrap_or(LOOK)).min(LOOK);
         match self.line.receive(wait)? {
@@ -268,7 +265,7 @@ impl Client {
                 if let FrameFault::Version(version) = fault {
                     self.foreign = Some(version);
                 } else {
-                    self.answer_was_damaged()?;
+                    self.answer_was_damaged();
                 }
                 Ok(Heard::Nothing)
             }
@@ -276,34 +273,33 @@ impl Client {
         }
     }
 
-    fn say_what_is_due(&mut self) -> Result<(), ClientError> {
+    fn say_what_is_due(&mut self) {
         if let Some(turn) = self.turn.as_mut().filter(|turn| turn.wait().is_zero()) {
             turn.said_again_after_silence();
             self.counts.sample_retries += 1;
-            say(&mut self.line, turn, &mut self.counts)?;
+            say(&mut self.line, turn, &mut self.counts);
         }
         if let Some(request) = self.request.as_mut().filter(|request| request.wait().is_zero()) {
             request.said_again_after_silence();
             self.counts.request_retries += 1;
-            say(&mut self.line, request, &mut self.counts)?;
+            say(&mut self.line, request, &mut self.counts);
         }
-        Ok(())
     }
 
     /// A damaged frame. When only one answer is waited for, that was it: no
     /// need to wait on.
-    fn answer_was_damaged(&mut self) -> Result<(), ClientError> {
+    fn answer_was_damaged(&mut self) {
         let (pending, retries) = match (&mut self.turn, &mut self.request) {
             (Some(turn), None) => (turn, &mut self.counts.sample_retries),
             (None, Some(request)) => (request, &mut self.counts.request_retries),
-            _ => return Ok(()),
+            _ => return,
         };
         if !pending.may_be_answered() {
-            return Ok(());
+            return;
         }
         pending.said_again();
         *retries += 1;
-        say(&mut self.line, pending, &mut self.counts)
+        say(&mut self.line, pending, &mut self.counts);
     }
 
     fn take(&mut self) -> Heard {
@@ -363,7 +359,7 @@ impl Client {
         self.turn = None;
         let (begun, bad) = (Instant::now(), bad_frames(self.line.counts()));
         self.foreign = None;
-        self.post_request(request)?;
+        self.post_request(request);
         loop {
             match self.listen(patience)? {
                 Heard::Reply => break,
@@ -444,10 +440,9 @@ fn frame_of(message: &ToController<'_>) -> Vec<u8> {
     framed(message).unwrap_or_default()
 }
 
-fn say(line: &mut Line, message: &Pending, counts: &mut Counts) -> Result<(), ClientError> {
-    line.send(&message.frame)?;
+fn say(line: &mut Line, message: &Pending, counts: &mut Counts) {
+    line.send(&message.frame);
     counts.frames_out += 1;
-    Ok(())
 }
 
 /// A number that no other program comes upon at the same time.

@@ -24,8 +24,14 @@ pub(super) enum Came {
 }
 
 /// A stream, and the frames found in it.
+///
+/// A write that fails is not reported at once: the peer may have sent its last
+/// message (why it crashed) before it closed the stream, and that message is
+/// still to be read. [`Line::receive`] returns the failure once nothing is left.
 pub(super) struct Line {
     stream: Box<dyn ByteStream>,
+    /// The first write that failed.
+    broken: Option<io::Error>,
     receiver: Receiver,
     bytes: Box<[u8; CHUNK]>,
     /// The part of `bytes` not yet looked at.
@@ -34,12 +40,19 @@ pub(super) struct Line {
 
 impl Line {
     pub(super) fn new(stream: Box<dyn ByteStream>) -> Self {
-        Self { stream, receiver: Receiver::new(), bytes: Box::new([0; CHUNK]), unread: 0..0 }
+        Self {
+            stream,
+            broken: None,
+            receiver: Receiver::new(),
+            bytes: Box::new([0; CHUNK]),
+            unread: 0..0,
+        }
     }
 
     /// Goes on over another stream; counts go on, too.
     pub(super) fn replace(&mut self, stream: Box<dyn ByteStream>) {
         self.stream = stream;
+        self.broken = None;
         self.unread = 0..0;
         // What was cut off stays a frame of its own.
         self.receiver.push(0);
@@ -49,15 +62,29 @@ impl Line {
         self.receiver.counts()
     }
 
-    pub(super) fn send(&mut self, frame: &[u8]) -> io::Result<()> {
-        self.stream.write_all(frame)
+    /// Sends a frame. After a failure nothing more is sent.
+    pub(super) fn send(&mut self, frame: &[u8]) {
+        if self.broken.is_none() {
+            self.broken = self.stream.write_all(frame).err();
+        }
     }
 
-    /// Waits at most `timeout` for bytes, and looks at them up to the end of a
+    /// Waits at most `timeout` for bytes, and reads them up to the end of a
     /// frame. [`Came::Nothing`] also when what came is not the end of one yet.
+    ///
+    /// # Errors
+    /// When the stream has ended or broken, after everything that arrived
+    /// before was read.
     pub(super) fn receive(&mut self, timeout: Duration) -> io::Result<Came> {
         if self.unread.is_empty() {
-            self.unread = 0..self.stream.read(&mut *self.bytes, timeout)?;
+            let timeout = if self.broken.is_some() { Duration::ZERO } else { timeout };
+            let count = self.stream.read(&mut *self.bytes, timeout)?;
+            if count == 0
+                && let Some(error) = self.broken.take()
+            {
+                return Err(error);
+            }
+            self.unread = 0..count;
         }
         for at in self.unread.by_ref() {
             match self.receiver.push(self.bytes[at]) {

@@ -12,7 +12,8 @@ use super::*;
 use crate::flash::MemoryFlash;
 use leg_control::checksum::crc32;
 use leg_control::policy::SHIPPED;
-use leg_control::serial::message::{Alarm, Mode, Refusal, Request, Slot, SlotFault};
+use leg_control::serial::frame::{self, MAX_FRAME};
+use leg_control::serial::message::{Alarm, Crash, Mode, Refusal, Request, Slot, SlotFault, ToHost};
 use leg_control::wire::{Header, Sample};
 use leg_process::Stop;
 use leg_process::policy_file::PolicyFile;
@@ -61,6 +62,31 @@ fn board() -> (Client, Bench) {
 fn sample(seq: u64) -> Sample {
     let header = Header { version: 1, run_id: 1, seq, t_ns: seq * 1_000_000, flags: 0 };
     Sample { header, y_m: 2.0, ..Sample::default() }
+}
+
+fn alarm_frame(alarm: Alarm) -> Vec<u8> {
+    let mut room = [0; MAX_FRAME];
+    frame::encode(&ToHost::Alarm(alarm), &mut room).unwrap().to_vec()
+}
+
+/// A peer that crashes sends its alarm and closes; the host may write first.
+#[test]
+fn the_last_alarm_is_read_before_a_broken_stream_is_reported() {
+    let alarm = Alarm::Crash(Crash::Panic { line: 7 });
+    for leaves_bytes_unread in [false, true] {
+        let (here, mut there) = pair();
+        let mut client = Client::new(here, &Stop::default());
+        if leaves_bytes_unread {
+            // The write after the close then fails by ECONNRESET in place of EPIPE.
+            client.post_request(&Request::Identify);
+        }
+        there.write_all(&alarm_frame(alarm)).unwrap();
+        drop(there);
+        client.post_sample(1, &sample(1));
+        client.post_request(&Request::Identify);
+        assert_eq!(client.listen(LONG).unwrap(), Heard::Alarm(alarm));
+        assert!(client.listen(LONG).unwrap_err().is_unplugged());
+    }
 }
 
 /// A stream that loses the first bytes both ways, as a port does that is just open.
@@ -128,8 +154,8 @@ fn samples_and_requests_go_side_by_side() {
     assert_eq!((who.session, who.rate_hz, who.gravity_m_s2), (Some(7), 500, 1.62));
     let start = u32::MAX - 100; // The numbers wrap around.
     for tick in 0..200 {
-        client.post_request(&Request::Slots).unwrap();
-        client.post_sample(start.wrapping_add(tick), &sample(u64::from(tick))).unwrap();
+        client.post_request(&Request::Slots);
+        client.post_sample(start.wrapping_add(tick), &sample(u64::from(tick)));
         let (mut command, mut reply) = (None, false);
         let begun = Instant::now();
         while (command.is_none() || !reply) && begun.elapsed() < LONG {
