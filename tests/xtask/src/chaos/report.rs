@@ -1,66 +1,66 @@
-//! What came of it: counts, and how long it took.
+//! The results of the injections: counts and times.
 
 use std::fmt;
 use std::time::Duration;
 
-use super::actor::Part;
-use super::plan::{Blow, How};
+use super::injection::{Injection, Kind};
+use super::process::Role;
 
-/// Upper ends of the histogram's bars, ms.
-const BARS_MS: [u64; 10] = [2, 5, 10, 20, 50, 100, 200, 300, 500, 1000];
-/// Width of the longest bar.
+/// Upper ends of the histogram's bins, ms.
+const BINS_MS: [u64; 10] = [2, 5, 10, 20, 50, 100, 200, 300, 500, 1000];
+/// Width of the longest bar, characters.
 const WIDTH: usize = 50;
 
-/// A blow that was stood.
+/// An injection that was survived.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Incident {
-    pub(super) blow: Blow,
-    /// From the last message of the peer to the safe state.
-    pub(super) ticks: u64,
-    /// From the return of the peer until it was heard.
-    pub(super) took: Duration,
+pub(super) struct Recovery {
+    pub(super) injection: Injection,
+    /// Ticks from the target's last message to the safe state of its peer.
+    pub(super) ticks_until_safe: u64,
+    /// Time from the return of the target to the peer's report of it.
+    pub(super) reconnected_after: Duration,
 }
 
 #[derive(Debug, Default)]
 pub(super) struct Report {
-    incidents: Vec<Incident>,
+    recoveries: Vec<Recovery>,
 }
 
 impl Report {
-    pub(super) fn take(&mut self, incident: &Incident) {
-        self.incidents.push(*incident);
+    pub(super) fn push(&mut self, recovery: Recovery) {
+        self.recoveries.push(recovery);
     }
 
-    fn rows(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    fn table(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
             "{:<22} {:>6} {:>9} {:>16} {:>27}",
-            "", "blows", "at start", "safe after", "back after p50, p99, max"
+            "", "count", "at start", "safe after", "back after p50, p99, max"
         )?;
-        for victim in [Part::Leg, Part::Controller] {
-            for how in How::ALL {
+        for target in [Role::Leg, Role::Controller] {
+            for kind in Kind::ALL {
                 let of_kind: Vec<_> = self
-                    .incidents
+                    .recoveries
                     .iter()
-                    .filter(|incident| incident.blow.victim == victim && incident.blow.how == how)
+                    .filter(|r| r.injection.target == target && r.injection.kind == kind)
                     .collect();
                 let at_start = of_kind
                     .iter()
-                    .filter(|incident| incident.blow.killed_at_start.is_some() && how.ends())
+                    .filter(|r| r.injection.killed_at_start.is_some() && kind.ends())
                     .count();
-                let ticks = of_kind.iter().map(|incident| incident.ticks).max().unwrap_or(0);
-                let mut took: Vec<_> = of_kind.iter().map(|incident| ms(incident.took)).collect();
-                took.sort_by(f64::total_cmp);
+                let ticks = of_kind.iter().map(|r| r.ticks_until_safe).max().unwrap_or(0);
+                let mut back: Vec<_> = of_kind.iter().map(|r| ms(r.reconnected_after)).collect();
+                back.sort_by(f64::total_cmp);
                 writeln!(
                     f,
                     "{:<22} {:>6} {:>9} {:>10} ticks {:>9.1} {:>7.1} {:>6.1} ms",
-                    format!("the {victim} {how}"),
+                    format!("the {target} {kind}"),
                     of_kind.len(),
                     at_start,
                     ticks,
-                    quantile(&took, 0.5),
-                    quantile(&took, 0.99),
-                    quantile(&took, 1.0)
+                    quantile(&back, 0.5),
+                    quantile(&back, 0.99),
+                    quantile(&back, 1.0)
                 )?;
             }
         }
@@ -68,14 +68,15 @@ impl Report {
     }
 
     fn histogram(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "\ntime from the return of the peer until it was heard:")?;
-        let mut counts = [0_usize; BARS_MS.len()];
-        for incident in &self.incidents {
-            let bar = BARS_MS.iter().position(|end| ms(incident.took) <= *end as f64);
-            counts[bar.unwrap_or(BARS_MS.len() - 1)] += 1;
+        writeln!(f, "\ntime from the return of a process until its peer reports it:")?;
+        let mut counts = [0_usize; BINS_MS.len()];
+        for recovery in &self.recoveries {
+            let time_ms = ms(recovery.reconnected_after);
+            let bin = BINS_MS.iter().position(|end| time_ms <= *end as f64);
+            counts[bin.unwrap_or(BINS_MS.len() - 1)] += 1;
         }
         let most = counts.iter().copied().max().unwrap_or(0).max(1);
-        for (end, count) in BARS_MS.iter().zip(counts) {
+        for (end, count) in BINS_MS.iter().zip(counts) {
             let bar = "#".repeat((count * WIDTH).div_ceil(most));
             writeln!(f, "  up to {end:>4} ms {count:>5}  {bar}")?;
         }
@@ -85,7 +86,7 @@ impl Report {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.rows(f)?;
+        self.table(f)?;
         self.histogram(f)
     }
 }
@@ -94,7 +95,7 @@ fn ms(time: Duration) -> f64 {
     1e3 * time.as_secs_f64()
 }
 
-/// Of sorted figures.
+/// Returns a quantile of sorted values, zero of none.
 fn quantile(sorted: &[f64], share: f64) -> f64 {
     let last = sorted.len().saturating_sub(1);
     sorted.get((last as f64 * share).round() as usize).copied().unwrap_or(0.0)
