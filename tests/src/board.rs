@@ -1,4 +1,4 @@
-//! The boards that the firmware knows, as the host sees them.
+//! The boards of the firmware: machine in the emulator, chip at the probe, images.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -8,23 +8,23 @@ use object::{Object, ObjectSymbol, SymbolKind};
 
 use crate::root;
 
-/// A board, by the name of its feature in `controller/firmware`.
+/// A board of `controller/firmware`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Board {
-    /// The feature of the firmware, and what the board calls itself.
+    /// Feature of the firmware, and the name that the board reports.
     pub name: &'static str,
-    /// The machine of `qemu-system-arm` that has this processor and these peripherals.
+    /// Machine of `qemu-system-arm` with this processor and these peripherals.
     pub machine: &'static str,
-    /// What the machine wants besides, so that it does not complain.
+    /// Options without which the emulator prints warnings for this machine.
     pub(crate) peripherals: &'static [&'static str],
-    /// The chip, as probe-rs calls it; none for a board that only the emulator has.
+    /// Name of the chip in probe-rs; `None` for a board that exists only in the emulator.
     pub chip: Option<&'static str>,
 }
 
-/// A network that leads nowhere, for the boards that have a socket for it.
+/// An isolated network for the machines with an Ethernet controller.
 const ETHERNET: &[&str] = &["-nic", "user,restrict=on"];
 
-/// Every board, the one that is emulated by default first.
+/// Every board; the first is the default in the emulator.
 pub const BOARDS: [Board; 3] = [
     Board { name: "mps2-an386", machine: "mps2-an386", peripherals: ETHERNET, chip: None },
     Board { name: "mps2-an500", machine: "mps2-an500", peripherals: ETHERNET, chip: None },
@@ -37,39 +37,38 @@ pub const BOARDS: [Board; 3] = [
 ];
 
 impl Board {
-    /// The board of that name.
+    /// Returns the board with this name.
     ///
     /// # Errors
-    /// A message with the names there are.
+    /// Returns a message with all names.
     pub fn named(name: &str) -> Result<Self, String> {
         BOARDS.into_iter().find(|board| board.name == name).ok_or_else(|| {
             let names = BOARDS.map(|board| board.name).join(", ");
-            format!("no board `{name}`: there are {names}; a new one is a file in controller/firmware/src/board")
+            format!("no board `{name}`; the boards are {names} (see controller/firmware/README.md to add one)")
         })
     }
 
-    /// Builds the firmware for this board; the image.
+    /// Builds the firmware for this board and returns the image.
     ///
     /// # Errors
-    /// When it does not build.
+    /// Fails if cargo fails.
     pub fn build(self) -> Result<Image> {
         self.build_with("")
     }
 
-    /// As [`Self::build`], with features of the firmware beside the board's,
-    /// separated by commas.
+    /// Builds the firmware for this board with more of its features, separated by commas.
     ///
     /// # Errors
-    /// When it does not build.
+    /// Fails if cargo fails.
     pub fn build_with(self, features: &str) -> Result<Image> {
-        // A folder each: changing boards does not build anew.
+        // One folder per board, so that changing boards rebuilds nothing.
         let target = root().join("target/firmware").join(self.name).join(features);
         let status = Command::new(env!("CARGO"))
             .args(["build", "--quiet", "--release", "--no-default-features", "--features"])
             .arg(format!("{},{features}", self.name))
             .arg("--target-dir")
             .arg(&target)
-            // The folder of the firmware has the target and the link arguments.
+            // Cargo reads target and link arguments from the configuration in this folder.
             .current_dir(root().join("controller/firmware"))
             .env_remove("CARGO_TARGET_DIR")
             .env_remove("RUSTFLAGS")
@@ -86,17 +85,17 @@ impl Board {
 /// A firmware image: an ELF file.
 #[derive(Clone, Debug)]
 pub struct Image {
-    /// For this board.
+    /// Board that it was built for.
     pub board: Board,
-    /// Where it is.
+    /// Path of the file.
     pub path: PathBuf,
 }
 
 impl Image {
-    /// The address of a symbol, such as `__slot_a`.
+    /// Returns the address of a symbol, such as `__slot_a`.
     ///
     /// # Errors
-    /// When the file cannot be read or has no such symbol.
+    /// Fails if the file cannot be read or has no such symbol.
     pub fn symbol(&self, name: &str) -> Result<u64> {
         self.with_elf(|elf| {
             let symbol = elf.symbols().find(|symbol| symbol.name() == Ok(name));
@@ -106,18 +105,17 @@ impl Image {
         })
     }
 
-    /// The functions in it by which a program panics, by their mangled names;
-    /// empty when it cannot panic.
+    /// Returns the mangled names of the functions that panic; empty if the image cannot panic.
     ///
-    /// Every panic goes through `core::panicking::panic_fmt`, which is never
-    /// inlined; the names of the others say what kind of panic it is.
+    /// Every panic goes through `core::panicking::panic_fmt`, which is never inlined; the
+    /// other names tell the kind of panic.
     ///
     /// # Errors
-    /// When the file cannot be read or its symbols are stripped.
+    /// Fails if the file cannot be read or its symbols are stripped.
     pub fn ways_to_panic(&self) -> Result<Vec<String>> {
         const MARKS: [&str; 5] =
             ["panic", "unwrap_failed", "expect_failed", "index_fail", "error_fail"];
-        // Without its symbols any image would pass.
+        // A stripped image would pass without this check.
         self.symbol("HardFault")?;
         self.with_elf(|elf| {
             let functions = elf.symbols().filter(|symbol| symbol.kind() == SymbolKind::Text);

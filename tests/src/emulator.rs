@@ -1,4 +1,4 @@
-//! A board in the emulator: the firmware runs, its UART is a unix socket.
+//! The firmware in the emulator, with its UART as a Unix socket.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -9,12 +9,12 @@ use anyhow::{Context, Result, bail, ensure};
 use crate::board::Image;
 
 const EMULATOR: &str = "qemu-system-arm";
-/// The emulator listens within a few hundred milliseconds, on a busy machine too.
+/// Usually the emulator listens within a few hundred milliseconds; a busy machine needs longer.
 const PATIENCE: Duration = Duration::from_secs(30);
-/// A board whose processor has not run for so long sleeps.
+/// A board whose processor has not run for this time sleeps.
 const ASLEEP_FOR: Duration = Duration::from_millis(100);
 
-/// A running emulator; ended when dropped.
+/// A running emulator; killed when dropped.
 #[derive(Debug)]
 pub struct Emulator {
     child: Child,
@@ -22,11 +22,11 @@ pub struct Emulator {
 }
 
 impl Emulator {
-    /// Starts the image, with a policy blob in slot A if one is given. The UART
-    /// is the socket `uart.sock` in `folder`.
+    /// Starts the image with an optional policy file in slot A. The UART is the socket
+    /// `uart.sock` in `folder`.
     ///
     /// # Errors
-    /// When the emulator is missing, or does not start.
+    /// Fails if the emulator is missing or does not start.
     pub fn start(image: &Image, policy: Option<&Path>, folder: &Path) -> Result<Self> {
         let uart = folder.join("uart.sock");
         let mut command = Command::new(EMULATOR);
@@ -45,9 +45,9 @@ impl Emulator {
             let file = policy.display();
             command.args(["-device", &format!("loader,file={file},addr={at:#x},force-raw=on")]);
         }
-        let child = command.spawn().with_context(|| {
-            format!("cannot start {EMULATOR}; `cargo xtask setup` installs it, or says how")
-        })?;
+        let child = command
+            .spawn()
+            .with_context(|| format!("cannot start {EMULATOR}; `cargo xtask setup` installs it"))?;
         let mut emulator = Self { child, uart };
         let begun = Instant::now();
         while !is_listened_on(&emulator.uart) {
@@ -62,17 +62,17 @@ impl Emulator {
         Ok(emulator)
     }
 
-    /// The socket of the board's UART.
+    /// Returns the socket of the UART.
     #[must_use]
     pub fn uart(&self) -> &Path {
         &self.uart
     }
 
-    /// Waits until the board sleeps: it has done all that it does of its own
-    /// accord, and no interrupt comes but by what is sent to it now.
+    /// Waits until the board sleeps: its start-up is complete, and only bytes on the UART wake
+    /// it again.
     ///
     /// # Errors
-    /// When it ends, or goes on working for too long.
+    /// Fails if the emulator ends or the board does not sleep in time.
     pub fn wait_until_asleep(&mut self) -> Result<()> {
         let begun = Instant::now();
         let mut before = None;
@@ -90,24 +90,24 @@ impl Emulator {
         }
     }
 
-    /// Its process.
+    /// Returns the process id.
     #[must_use]
     pub fn pid(&self) -> u32 {
         self.child.id()
     }
 
-    /// How it ended, if it has: the exit status that the firmware chose.
+    /// Returns the exit status, chosen by the firmware, if the emulator has ended.
     ///
     /// # Errors
-    /// When the system cannot tell.
+    /// Fails if the system call fails.
     pub fn ended(&mut self) -> Result<Option<ExitStatus>> {
-        self.child.try_wait().context("cannot ask after the emulator")
+        self.child.try_wait().context("cannot wait for the emulator")
     }
 }
 
-/// How often each thread of a process has been put to sleep or aside, if all of
-/// them sleep now. The same twice: none has run in between, however busy the
-/// machine, for a thread that waits for its turn is not asleep.
+/// Returns the context switches of each thread of a process if all of them sleep now. Two
+/// equal results mean that no thread has run in between, however busy the machine: a thread
+/// that waits for a core does not count as sleeping.
 fn asleep(pid: u32) -> Result<Option<Vec<String>>> {
     let mut switches = Vec::new();
     for thread in std::fs::read_dir(format!("/proc/{pid}/task")).context("no such process")? {
@@ -122,8 +122,8 @@ fn asleep(pid: u32) -> Result<Option<Vec<String>>> {
     Ok(Some(switches))
 }
 
-/// Whether somebody listens on a socket: its file is there some moments before.
-/// A connection would tell too, but the UART takes only one, and it counts.
+/// Returns whether a process listens on a socket. The file exists some time before that, and
+/// a trial connection would use up the only one that the UART accepts.
 fn is_listened_on(socket: &Path) -> bool {
     /// `__SO_ACCEPTCON` in the fourth column.
     const LISTENS: &str = "00010000";

@@ -1,4 +1,4 @@
-//! What the end-to-end tests and the repository's own commands share.
+//! Boards, emulator, browser and programs for the end-to-end tests and `cargo xtask`.
 
 pub mod board;
 pub mod browser;
@@ -8,16 +8,18 @@ use std::path::PathBuf;
 use std::process::Command;
 use std::sync::OnceLock;
 
-/// The repository's root.
+/// Returns the root of the repository.
 #[must_use]
 pub fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// One of the workspace's programs, built first (once a test process), in the
-/// profile of the tests. It is built as the whole suite builds it, with the
-/// features that the tests' own dependencies bring: in any other way, nearly
-/// everything would be built a second time.
+/// Returns the command that starts one of the workspace's programs, built in the profile of
+/// the tests.
+///
+/// The first call in a test process builds all programs as `cargo test --workspace` does:
+/// any other selection of packages has other features and would compile nearly everything
+/// again.
 #[must_use]
 pub fn program(name: &str) -> Command {
     static FOLDER: OnceLock<PathBuf> = OnceLock::new();

@@ -1,4 +1,4 @@
-//! Flashing: the firmware, and a policy beside it, to a real board by probe-rs.
+//! `cargo xtask flash`: writes the firmware and a policy to a real board with probe-rs.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -9,13 +9,13 @@ use harness::board::{BOARDS, Board};
 use crate::Misuse;
 use crate::step::output_of;
 
-/// Flashes the firmware, and a policy into slot A, by probe-rs.
+/// Flash the firmware, and a policy into slot A, with probe-rs.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// The board at the probe.
+    /// Board at the probe.
     #[arg(long, value_name = "BOARD", value_parser = Board::named)]
     board: Board,
-    /// The policy for slot A [default: the shipped one].
+    /// Policy for slot A [default: the shipped one].
     #[arg(long, value_name = "FILE")]
     policy: Option<PathBuf>,
 }
@@ -26,7 +26,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         let real = BOARDS.iter().filter(|board| board.chip.is_some());
         let names: Vec<_> = real.map(|board| board.name).collect();
         return Err(Misuse::of(format!(
-            "{} is an emulated board, there is nothing to flash: `cargo run --release` in \
+            "{} is an emulated board and cannot be flashed: `cargo run --release` in \
              controller/firmware starts it. Real boards: {}",
             board.name,
             names.join(", ")
@@ -63,7 +63,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     )?;
     probe_rs(Command::new("probe-rs").args(["reset", "--chip", chip]))?;
     println!(
-        "{} runs, with {} in slot A; `controller identify --serial PORT` asks it",
+        "{} runs with {} in slot A; check it with `controller identify --serial PORT`",
         board.name,
         policy.display()
     );

@@ -1,8 +1,8 @@
-//! Hardware in the loop: the shore, played to a flashed controller.
+//! `cargo xtask hil`: hardware in the loop. The shore scenario runs with the firmware as
+//! the controller.
 //!
-//! The board is emulated unless a port says otherwise. The run must be, state
-//! by state and command by command, the one that the same scenario gives with
-//! the controller in the simulator's own process.
+//! The board is emulated unless `--serial` names a port. All states and commands must be
+//! those of the same scenario with the controller in the simulator's own process.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -16,25 +16,25 @@ use serde_json::Value;
 use crate::programs::{Programs, Running};
 use crate::{Misuse, setup};
 
-/// Plays the shore to a flashed controller; the board is emulated unless --serial names a port.
+/// Run the shore with the firmware as the controller, emulated unless --serial names a port.
 #[derive(Clone, Debug, clap::Args)]
 pub(crate) struct Args {
-    /// The board.
+    /// Board to emulate.
     #[arg(long, value_name = "BOARD", default_value = BOARDS[0].name, value_parser = Board::named)]
     board: Board,
-    /// Stop after so many ticks [default: all the way, some 78,000].
+    /// Number of ticks to run [default: to the end of the scenario, about 78,000].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     ticks: Option<u64>,
-    /// The policy for slot A of the emulated board [default: the shipped one].
+    /// Policy for slot A of the emulated board [default: the shipped one].
     #[arg(long, value_name = "FILE")]
     policy: Option<PathBuf>,
-    /// The serial port of a real board that is flashed already.
+    /// Serial port of a real board that is already flashed.
     #[arg(long, value_name = "PORT", conflicts_with = "policy")]
     serial: Option<PathBuf>,
 }
 
 impl Args {
-    /// The default board in the emulator, for so many ticks.
+    /// Returns the arguments for a number of ticks on the default board in the emulator.
     pub(crate) fn emulated(ticks: u64) -> Self {
         Self { board: BOARDS[0], ticks: Some(ticks), policy: None, serial: None }
     }
@@ -48,12 +48,12 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     }
     let programs = Programs::build()?;
 
-    let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
+    let folder = tempfile::tempdir().context("cannot create a temporary folder")?;
     let target = match &args.serial {
         Some(port) => Target::Real(port.clone()),
         None => Target::emulated(args.board, policy, folder.path())?,
     };
-    println!("{} ({target}), the shore over its serial line\n", args.board.name);
+    println!("{} ({target}): the shore over its serial line\n", args.board.name);
 
     let domain = format!("hil-{}", std::process::id());
     let mut bridge = Running::start(
@@ -68,14 +68,14 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 
     ensure!(
         args.serial.is_some() || over_the_line["state_hash"] == here["state_hash"],
-        "the flashed controller's run is another than the host's: state hash {} against {}",
+        "the run with the firmware differs from the run on the host: state hash {} against {}",
         over_the_line["state_hash"],
         here["state_hash"]
     );
     Ok(())
 }
 
-/// A flashed controller.
+/// The board that runs the firmware.
 enum Target {
     Emulated(Emulator),
     Real(PathBuf),
@@ -87,7 +87,7 @@ impl Target {
         Ok(Self::Emulated(Emulator::start(&board.build()?, Some(policy), folder)?))
     }
 
-    /// Where the bridge finds it.
+    /// Returns the option of `sim-host bridge` that names the board.
     fn port(&self) -> [&Path; 2] {
         match self {
             Self::Emulated(emulator) => [Path::new("--unix"), emulator.uart()],
@@ -107,7 +107,7 @@ impl fmt::Display for Target {
 
 fn report(run: &Value, here: &Value) {
     let number = |value: &Value| value.as_f64().map_or("-".into(), |x| format!("{x}"));
-    println!("{:>24}  {:>18}  {:>18}", "", "flashed controller", "in one process");
+    println!("{:>24}  {:>18}  {:>18}", "", "firmware", "host");
     for key in ["ticks", "sim_time_s", "distance_m", "hops", "falls", "safe_ticks", "rejected"] {
         println!("{key:>24}  {:>18}  {:>18}", number(&run[key]), number(&here[key]));
     }

@@ -1,19 +1,19 @@
-//! What must be true of every image that is flashed.
+//! `cargo xtask image`: checks that no firmware image contains a panic.
 
 use anyhow::{Result, ensure};
 use harness::board::{BOARDS, Board};
 
-/// Builds the image of each board, and looks for ways to panic in it.
+/// Builds the image of each board and searches it for functions that panic.
 pub(crate) fn run() -> Result<()> {
     for board in BOARDS {
         check(board)?;
-        println!("{}: no way to panic", board.name);
+        println!("{}: cannot panic", board.name);
     }
     Ok(())
 }
 
-/// Fails, naming them, when there are functions in the image by which a program
-/// panics: something in the firmware or the controller can reach them.
+/// Fails if the image contains functions that panic, and names them: the firmware or the
+/// control law can reach them.
 fn check(board: Board) -> Result<()> {
     let image = board.build()?;
     let ways = image.ways_to_panic()?;

@@ -26,21 +26,21 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Install what is missing, then format, lints, tests, docs, targets and the main job.
+    /// Run every check, after installing what is missing.
     Ci,
-    /// Count instructions of the firmware in the emulator and compare them with the budgets.
+    /// Measure instructions, flash, RAM and stack of the firmware against the budgets.
     Budget(budget::Args),
-    /// Kill and stop real processes in real time, and see the others stand.
+    /// Kill and stop real processes in real time, and check that their peers recover.
     Chaos(chaos::Args),
-    /// Install what is missing, or say what to install.
+    /// Install what the checks need, or print what to install.
     Setup,
-    /// Flash a real board by probe-rs.
+    /// Flash a real board with probe-rs.
     Flash(flash::Args),
-    /// Hardware in the loop: the shore, played to a flashed controller.
+    /// Run the shore with the firmware as the controller (hardware in the loop).
     Hil(hil::Args),
-    /// Check that no image of the firmware has a way to panic.
+    /// Check that no firmware image can panic.
     Image,
-    /// The tests of the flashed controller, long.
+    /// Run the tests of the firmware over many ticks.
     Soak(soak::Args),
 }
 
@@ -64,7 +64,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// An error that the caller can put right: exit status 2.
+/// A wrong call or bad input: exit status 2.
 #[derive(Debug)]
 struct Misuse(String);
 

@@ -1,4 +1,4 @@
-//! The workspace's programs, as they are shipped: built, started, asked for their result.
+//! Release builds of the workspace's programs: building, starting, reading their results.
 
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
@@ -7,7 +7,7 @@ use anyhow::{Context, Result, ensure};
 use harness::root;
 use serde_json::Value;
 
-/// Ticks a second of the shore.
+/// Tick rate of the shore scenario.
 const RATE_HZ: u64 = 1_000;
 
 /// Returns the folder that cargo builds into.
@@ -15,7 +15,7 @@ pub(crate) fn target_folder() -> PathBuf {
     std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from)
 }
 
-/// The release builds.
+/// The release builds of `sim-host` and `controller`.
 #[derive(Debug)]
 pub(crate) struct Programs {
     folder: PathBuf,
@@ -33,7 +33,7 @@ impl Programs {
         Ok(Self::of(target_folder().join("release")))
     }
 
-    /// Those in a folder, built before.
+    /// Uses the programs in a folder.
     pub(crate) fn of(folder: PathBuf) -> Self {
         Self { folder }
     }
@@ -46,7 +46,7 @@ impl Programs {
         Command::new(self.folder.join("controller"))
     }
 
-    /// Plays the shore, or its first ticks; what came of it.
+    /// Runs the shore scenario, or its first ticks, and returns the JSON summary.
     pub(crate) fn shore(&self, ticks: Option<u64>, more: &[&str]) -> Result<Value> {
         let mut command = self.sim_host();
         command.args(["run", "--json", "--scenario"]);
@@ -58,7 +58,7 @@ impl Programs {
     }
 }
 
-/// A program whose output is wanted; ended when dropped.
+/// A running program whose output is read; killed when dropped.
 #[derive(Debug)]
 pub(crate) struct Running(Option<Child>);
 
@@ -72,15 +72,15 @@ impl Running {
         Ok(Self(Some(child)))
     }
 
-    /// Waits for its end; what it printed.
+    /// Waits for the end of the program and returns its standard output.
     pub(crate) fn output(&mut self, who: &str) -> Result<String> {
-        let child = self.0.take().context("asked twice")?;
+        let child = self.0.take().context("its output has been taken before")?;
         let output = child.wait_with_output().with_context(|| format!("cannot wait for {who}"))?;
         ensure!(output.status.success(), "{who} ended with {}", output.status);
         Ok(String::from_utf8_lossy(&output.stdout).into_owned())
     }
 
-    /// Waits for its end; the one object that it printed.
+    /// Waits for the end of the program and parses its standard output as JSON.
     pub(crate) fn result(&mut self, who: &str) -> Result<Value> {
         let text = self.output(who)?;
         serde_json::from_str(&text).with_context(|| format!("no result of {who} in `{text}`"))

@@ -1,4 +1,4 @@
-//! What the checks need beside cargo, and how to get it.
+//! `cargo xtask setup`: installs what the checks need beside cargo.
 
 use crate::step::{Step, output_of};
 use anyhow::{Result, bail};
@@ -8,13 +8,13 @@ use anyhow::{Result, bail};
 const TARGETS: [&str; 3] =
     ["thumbv7em-none-eabihf", "thumbv6m-none-eabi", "riscv32imac-unknown-none-elf"];
 
-/// A program, by the names that it goes by, and the Debian package that has it.
+/// A program: its possible names, and the Debian package that contains it.
 struct Program {
     names: &'static [&'static str],
     package: &'static str,
 }
 
-/// The emulator, and the ARM binutils that disassemble what runs on it.
+/// The emulator, and the ARM binutils that disassemble images.
 const EMULATION: [Program; 2] = [
     Program { names: &["qemu-system-arm"], package: "qemu-system-arm" },
     Program { names: &["arm-none-eabi-objdump"], package: "binutils-arm-none-eabi" },
@@ -33,11 +33,11 @@ pub(crate) fn run() -> Result<()> {
     install(&programs)?;
     let programs: Vec<&str> = programs.iter().map(|program| program.names[0]).collect();
     let (targets, programs) = (TARGETS.join(", "), programs.join(", "));
-    println!("setup: rustfmt, clippy, {targets}, {programs} are there");
+    println!("setup: rustfmt, clippy, {targets}, {programs} are installed");
     Ok(())
 }
 
-/// Installs what the emulated board needs, where it is missing.
+/// Installs what the emulated board needs, if it is missing.
 pub(crate) fn emulation() -> Result<()> {
     install(&EMULATION.iter().collect::<Vec<_>>())
 }

@@ -1,14 +1,14 @@
-//! The tests of the flashed controller, at length: too long for every check.
+//! `cargo xtask soak`: the tests of the firmware over more ticks than `cargo xtask ci` runs.
 
 use anyhow::Result;
 
 use crate::setup;
 use crate::step::Step;
 
-/// The tests of the flashed controller, long.
+/// Run the tests of the firmware over many ticks.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Ticks that host and firmware are compared over; the other tests go by it too.
+    /// Ticks over which host and firmware are compared; scales the other tests too.
     #[arg(long, value_name = "N", default_value_t = 100_000, value_parser = clap::value_parser!(u64).range(1..))]
     ticks: u64,
 }

@@ -1,4 +1,4 @@
-//! One step of a check: a command, said before it runs, timed, failing loudly.
+//! A step of a check: a command that is printed, run and timed.
 
 use anyhow::{Context, Result, bail};
 use std::process::Command;
@@ -21,13 +21,13 @@ impl Step {
         Self { name, program, args: args.to_owned(), folder: ".", env: None }
     }
 
-    /// With these arguments too.
+    /// Adds arguments.
     pub(crate) fn with(mut self, more: &str) -> Self {
         self.args = format!("{} {more}", self.args);
         self
     }
 
-    /// In this folder of the repository, not in its root.
+    /// Runs the command in this folder of the repository instead of the root.
     pub(crate) fn within(mut self, folder: &'static str) -> Self {
         self.folder = folder;
         self
@@ -38,7 +38,7 @@ impl Step {
         self
     }
 
-    /// Runs it and returns how long it took.
+    /// Runs the command and returns how long it took.
     pub(crate) fn run(&self) -> Result<Duration> {
         let Self { name, program, args, .. } = self;
         println!("\n=== {name}: {program} {args}");
@@ -56,7 +56,7 @@ impl Step {
     }
 }
 
-/// Whether a command line runs and succeeds, and what it prints.
+/// Returns the standard output of a command, `None` if it fails.
 pub(crate) fn output_of(program: &str, args: &[&str]) -> Option<String> {
     let output = Command::new(program).args(args).current_dir(root()).output().ok()?;
     output.status.success().then(|| String::from_utf8_lossy(&output.stdout).into_owned())

@@ -1,5 +1,5 @@
-//! What `cargo xtask budget` counts: each function called `figure_...` once or
-//! more, of which the costliest call is the figure. The calls are those of the
+//! What `cargo xtask budget` counts: each function called `measured_...` once or
+//! more, of which the costliest call counts. The calls are those of the
 //! shipped policy and of a leg that falls, bounces and falls again.
 #![no_std]
 #![no_main]
@@ -19,53 +19,53 @@ const NO_POLICY: i32 = 2;
 const NO_SUCH_TICK: i32 = 3;
 
 #[inline(never)]
-fn figure_parse(blob: &'static [u8]) -> Result<Policy<'static>, ParseError> {
+fn measured_parse(blob: &'static [u8]) -> Result<Policy<'static>, ParseError> {
     Policy::parse(blob)
 }
 
 #[inline(never)]
-fn figure_inference(actor: &Actor<'_>, observation: Observation) -> Action {
+fn measured_inference(actor: &Actor<'_>, observation: Observation) -> Action {
     actor.act(observation)
 }
 
 #[inline(never)]
-fn figure_inference_without_tanh(actor: &Actor<'_>, input: [f32; 3]) -> [f32; 2] {
+fn measured_inference_without_tanh(actor: &Actor<'_>, input: [f32; 3]) -> [f32; 2] {
     actor.sums(input)
 }
 
 #[inline(never)]
-fn figure_inference_without_tanh_portable(actor: &Actor<'_>, input: [f32; 3]) -> [f32; 2] {
+fn measured_inference_without_tanh_portable(actor: &Actor<'_>, input: [f32; 3]) -> [f32; 2] {
     actor.sums_portable(input)
 }
 
 // Functions that are alike would be merged into one: these differ in their arguments.
 
 #[inline(never)]
-fn figure_tick_in_flight(controller: &mut Controller<'_>, sample: &Sample) -> Command {
+fn measured_tick_in_flight(controller: &mut Controller<'_>, sample: &Sample) -> Command {
     controller.tick(Some(sample))
 }
 
 #[inline(never)]
-fn figure_tick_in_stance(sample: &Sample, controller: &mut Controller<'_>) -> Command {
+fn measured_tick_in_stance(sample: &Sample, controller: &mut Controller<'_>) -> Command {
     controller.tick(Some(sample))
 }
 
 #[inline(never)]
-fn figure_tick_at_apex(sample: Option<&Sample>, controller: &mut Controller<'_>) -> Command {
+fn measured_tick_at_apex(sample: Option<&Sample>, controller: &mut Controller<'_>) -> Command {
     controller.tick(sample)
 }
 
 #[entry]
 fn main() -> ! {
-    let Ok(policy) = figure_parse(black_box(SHIPPED)) else {
+    let Ok(policy) = measured_parse(black_box(SHIPPED)) else {
         semihosting::process::exit(NO_POLICY)
     };
     let actor = black_box(policy.actor());
     let input = black_box([0.3, 1.5, 0.4]);
     let [apex_vx_m_s, apex_y_m, density_ratio] = input;
-    black_box(figure_inference(actor, Observation { apex_vx_m_s, apex_y_m, density_ratio }));
-    black_box(figure_inference_without_tanh(actor, input));
-    black_box(figure_inference_without_tanh_portable(actor, input));
+    black_box(measured_inference(actor, Observation { apex_vx_m_s, apex_y_m, density_ratio }));
+    black_box(measured_inference_without_tanh(actor, input));
+    black_box(measured_inference_without_tanh_portable(actor, input));
     hop(&policy);
     semihosting::process::exit(0)
 }
@@ -100,9 +100,9 @@ fn hop(policy: &Policy<'static>) {
         // Which kind of tick it is, a twin says.
         let at_apex = controller.clone().tick(Some(&sample)).apexes > apexes;
         let command = match (at_apex, stance) {
-            (true, _) => figure_tick_at_apex(Some(&sample), black_box(&mut controller)),
-            (false, true) => figure_tick_in_stance(&sample, black_box(&mut controller)),
-            (false, false) => figure_tick_in_flight(black_box(&mut controller), &sample),
+            (true, _) => measured_tick_at_apex(Some(&sample), black_box(&mut controller)),
+            (false, true) => measured_tick_in_stance(&sample, black_box(&mut controller)),
+            (false, false) => measured_tick_in_flight(black_box(&mut controller), &sample),
         };
         apexes = black_box(command).apexes;
     }

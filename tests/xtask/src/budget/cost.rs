@@ -17,7 +17,7 @@
 use super::disassembly::Instruction;
 use std::collections::BTreeSet;
 
-/// What the table distinguishes.
+/// A row of the table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     /// Load or store of one register.
@@ -28,14 +28,14 @@ enum Kind {
     MultiplyAccumulate,
     /// Division or square root.
     Divide,
-    /// Other floating-point ones.
+    /// Any other floating-point instruction.
     Float,
-    /// Everything else.
+    /// Any other instruction.
     Other,
 }
 
-/// Cycles of `instruction`, executed after `previous` and before `next`, when
-/// what is executed next lies elsewhere than behind it (`jumps`) or not.
+/// Returns the cycles of `instruction`, executed after `previous` and before `next`. With
+/// `jumps`, the next executed instruction does not follow it in memory.
 pub(super) fn cycles(
     previous: Option<&Instruction>,
     instruction: &Instruction,
@@ -59,8 +59,7 @@ pub(super) fn cycles(
 }
 
 fn kind(instruction: &Instruction) -> Kind {
-    // Suffixes for the type (.f32) and for conditions do not matter, but for
-    // what they make of other names: `vldmia`, `popne`, `stmdb`.
+    // Prefixes, because suffixes for type and condition vary: `vldmia`, `popne`, `stmdb`.
     let name = instruction.mnemonic.split('.').next().unwrap_or_default();
     let starts = |names: &[&str]| names.iter().any(|n| name.starts_with(n));
     if starts(&["vldm", "vstm", "ldm", "stm", "push", "pop", "vpush", "vpop"]) {
@@ -84,12 +83,12 @@ fn is_double(instruction: &Instruction) -> bool {
     instruction.operands.starts_with('d')
 }
 
-/// The register list of `r0!, {s0-s9}` or of `{r4, lr}`.
+/// Returns the register list of `r0!, {s0-s9}` or of `{r4, lr}`.
 fn list(operands: &str) -> &str {
     operands.split_once('{').map_or("", |(_, list)| list)
 }
 
-/// Whether `next` waits for what `instruction` computes.
+/// Returns whether `next` reads the result of `instruction`.
 fn uses_result(instruction: &Instruction, next: &Instruction) -> bool {
     let result = match instruction.mnemonic.split('.').next().unwrap_or_default() {
         // Their result is in the flags, which VMRS reads.
@@ -107,8 +106,8 @@ fn uses_result(instruction: &Instruction, next: &Instruction) -> bool {
     !result.is_disjoint(&registers_of(sources))
 }
 
-/// Registers that a piece of operands names, with ranges spelt out and doubles
-/// as their two singles.
+/// Returns the registers that operands name; ranges are expanded, doubles become their two
+/// singles.
 fn registers_of(operands: &str) -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     for word in operands.split([',', ' ', '{', '}', '[', ']', '!']) {
@@ -130,7 +129,7 @@ fn registers_of(operands: &str) -> BTreeSet<String> {
     found
 }
 
-/// `s12` as ('s', 12).
+/// Parses `s12` into ('s', 12).
 fn numbered(name: &str) -> Option<(char, u32)> {
     let bank = name.chars().next().filter(|c| "rsd".contains(*c))?;
     Some((bank, name.get(1..)?.parse().ok()?))
@@ -145,7 +144,7 @@ mod tests {
         Instruction { mnemonic: mnemonic.to_owned(), operands: operands.to_owned(), length: 4 }
     }
 
-    /// Cycles of the middle one of three; `->` before the last says that it jumps.
+    /// Returns the cycles of the middle one of three; `->` before the last marks a jump.
     fn of(previous: &str, middle: &str, next: &str) -> u32 {
         let jumps = next.starts_with("->");
         let next = instruction(next.trim_start_matches("->"));
@@ -153,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn loads_and_stores() {
+    fn loads_and_stores_cost_by_registers_and_pairing() {
         assert_eq!(of("nop", "ldr r0, [r1]", "nop"), 2);
         assert_eq!(of("ldr r2, [r1]", "vldr s0, [r1, #4]", "nop"), 1);
         assert_eq!(of("vstr s2, [r1]", "vstr s3, [r1, #4]", "nop"), 1);
@@ -168,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn floating_point() {
+    fn floating_point_costs_by_kind_and_use_of_the_result() {
         assert_eq!(of("nop", "vmla.f32 s0, s1, s2", "vadd.f32 s3, s0, s0"), 3);
         assert_eq!(of("nop", "vnmls.f32 s0, s1, s2", "nop"), 3);
         assert_eq!(of("nop", "vdiv.f32 s0, s1, s2", "nop"), 14);
@@ -184,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn branches_and_the_rest() {
+    fn taken_branches_cost_three_cycles() {
         assert_eq!(of("nop", "bne 10ee", "->nop"), 3);
         assert_eq!(of("nop", "bne 10ee", "nop"), 1);
         assert_eq!(of("nop", "bx lr", "->nop"), 3);

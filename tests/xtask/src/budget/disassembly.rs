@@ -1,4 +1,4 @@
-//! What stands at each address of an image, as `objdump -d` prints it.
+//! The instructions of an image, read from the output of `objdump -d`.
 
 use anyhow::{Context, Result, ensure};
 use std::collections::BTreeMap;
@@ -8,14 +8,14 @@ use std::process::Command;
 /// Comes with Debian's `binutils-arm-none-eabi`.
 const OBJDUMP: &str = "arm-none-eabi-objdump";
 
-/// One instruction.
+/// An instruction.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Instruction {
-    /// Such as `vmla.f32`, without the suffix for the width of the encoding.
+    /// Mnemonic such as `vmla.f32`, without the suffix for the width of the encoding.
     pub(super) mnemonic: String,
-    /// Such as `s0, [r1, #4]`, without comments.
+    /// Operands such as `s0, [r1, #4]`, without comments.
     pub(super) operands: String,
-    /// Bytes, 2 or 4.
+    /// Length in bytes: 2 or 4.
     pub(super) length: u32,
 }
 
@@ -26,7 +26,7 @@ pub(super) struct Disassembly {
 }
 
 impl Disassembly {
-    /// Of an ELF image for Arm.
+    /// Disassembles an ELF image for Arm.
     pub(super) fn of(image: &Path) -> Result<Self> {
         let output = Command::new(OBJDUMP).arg("-dC").arg(image).output().with_context(|| {
             format!(
@@ -46,12 +46,13 @@ impl Disassembly {
         })
     }
 
-    /// The instruction at an address.
+    /// Returns the instruction at an address.
     pub(super) fn at(&self, address: u32) -> Option<&Instruction> {
         self.instructions.get(&address)
     }
 
-    /// Functions whose names start with a prefix, without it, by their addresses.
+    /// Returns the functions whose names start with a prefix: addresses, and names without
+    /// the prefix.
     pub(super) fn functions(&self, prefix: &str) -> BTreeMap<u32, String> {
         let without = |(&address, name): (&u32, &String)| {
             name.strip_prefix(prefix).map(|rest| (address, rest.to_owned()))
@@ -60,7 +61,7 @@ impl Disassembly {
     }
 }
 
-/// A line such as `    10ee:\t466f      \tmov\tr7, sp`; `None` for any other.
+/// Parses a line such as `    10ee:\t466f      \tmov\tr7, sp`; `None` for any other.
 fn parse(line: &str) -> Option<(u32, Instruction)> {
     let (address, rest) = line.split_once(":\t")?;
     let address = u32::from_str_radix(address.trim(), 16).ok()?;
@@ -77,8 +78,8 @@ fn parse(line: &str) -> Option<(u32, Instruction)> {
     ))
 }
 
-/// A line such as `000010f8 <bench::main::h01234567890abcde>:`, of which the
-/// function's own name counts; `None` for any other.
+/// Parses a line such as `000010f8 <bench::main::h01234567890abcde>:` into the address
+/// and the last part of the name; `None` for any other.
 fn label(line: &str) -> Option<(u32, String)> {
     let (address, path) = line.strip_suffix(">:")?.split_once(" <")?;
     let is_hash = |part: &&str| part.len() == 17 && part.starts_with('h');
@@ -91,7 +92,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lines_of_objdump_are_understood() {
+    fn parses_lines_of_objdump() {
         let instruction = |mnemonic: &str, operands: &str, length| Instruction {
             mnemonic: mnemonic.to_owned(),
             operands: operands.to_owned(),

@@ -1,4 +1,4 @@
-//! Runs a bench image on an emulated Cortex-M4F and writes down what it executes.
+//! Runs a bench image on an emulated Cortex-M4F and reads the trace of its instructions.
 
 use super::disassembly::Disassembly;
 use super::profile::Profile;
@@ -10,15 +10,16 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 const QEMU: &str = "qemu-system-arm";
-/// No devices.
+/// An MPS2 board without devices.
 const BOARD: &str = "-machine mps2-an386 -nodefaults -nic user,restrict=on -display none \
     -monitor none -serial none -semihosting-config enable=on,target=native";
-/// One instruction a step, each with a line on standard error.
+/// Logs every instruction on the standard error.
 const TRACE: &str = "-singlestep -d exec,nochain";
-/// What a function of the bench image is called when its calls are to be counted.
-const PREFIX: &str = "figure_";
+/// Prefix of the functions in a bench image whose calls are counted.
+const PREFIX: &str = "measured_";
 
-/// The costliest call of each figure of an image, by the figures' names.
+/// Returns the costliest call of each counted function of an image, by its name without
+/// the prefix.
 pub(super) fn profiles(image: &Path) -> Result<BTreeMap<String, Profile>> {
     let disassembly = Disassembly::of(image)?;
     let watched = disassembly.functions(PREFIX);
@@ -29,7 +30,7 @@ pub(super) fn profiles(image: &Path) -> Result<BTreeMap<String, Profile>> {
     let mut profiles = BTreeMap::<String, Profile>::new();
     for call in calls.finish() {
         let profile = Profile::of(&call, &disassembly)?;
-        let worst = profiles.entry(call.figure).or_default();
+        let worst = profiles.entry(call.function).or_default();
         if profile.instructions > worst.instructions {
             *worst = profile;
         }
@@ -40,12 +41,12 @@ pub(super) fn profiles(image: &Path) -> Result<BTreeMap<String, Profile>> {
     Ok(profiles)
 }
 
-/// Runs an image to its end, which must be a good one.
+/// Runs an image to its end; fails if its exit status is not zero.
 pub(super) fn run(image: &Path) -> Result<()> {
     watch(image, "", |_| ())
 }
 
-/// Runs an image; `each` gets the address of every instruction that is logged.
+/// Runs an image and calls `each` with the address of every logged instruction.
 fn watch(image: &Path, log: &str, mut each: impl FnMut(u32)) -> Result<()> {
     let mut child = Command::new(QEMU)
         .args(BOARD.split_whitespace().chain(log.split_whitespace()))
@@ -58,15 +59,15 @@ fn watch(image: &Path, log: &str, mut each: impl FnMut(u32)) -> Result<()> {
             format!("cannot start `{QEMU}`: install it with `apt install qemu-system-arm`")
         })?;
     let log = child.stderr.take().context("no log")?;
-    let mut said = String::new();
+    let mut message = String::new();
     for line in BufReader::new(log).lines() {
         let line = line?;
         match trace::address_of(&line) {
             Some(address) => each(address),
-            None => said = line,
+            None => message = line,
         }
     }
     let status = child.wait()?;
-    ensure!(status.success(), "{} ended with {status} on {QEMU}; {said}", image.display());
+    ensure!(status.success(), "{} ended with {status} on {QEMU}; {message}", image.display());
     Ok(())
 }

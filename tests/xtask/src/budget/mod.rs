@@ -1,52 +1,53 @@
-//! `cargo xtask budget`: what the firmware costs, counted in the emulator.
+//! `cargo xtask budget`: instructions, flash, RAM and stack of the firmware, measured in
+//! the emulator.
 //!
-//! The bench images of `controller/firmware/src/bench` run the figures and compare
+//! The bench images of `controller/firmware/src/bench` run the control law and compare
 //! the kernels; QEMU logs every instruction ([`trace`]), objdump says what it was
-//! ([`disassembly`]), a table what it costs ([`cost`]). Same image, same figures,
-//! to the instruction.
+//! ([`disassembly`]), a table what it costs ([`cost`]). The same image
+//! gives the same counts, to the instruction.
 
+mod budgets;
 mod cost;
 mod disassembly;
 mod emulator;
-mod ledger;
 mod profile;
 mod size;
 mod stack;
 mod trace;
 
 use anyhow::{Context, Result, ensure};
+use budgets::{Budgets, Measured};
 use harness::board::BOARDS;
 use harness::root;
-use ledger::{Ledger, Measured};
 use profile::Profile;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// The committed figures.
-const LEDGER: &str = "controller/firmware/budgets.toml";
-/// Measured in the image that lets the compiler use VMLA, which it takes to be slow
-/// on a Cortex-M4: what the portable kernel is written for.
+/// The committed budgets.
+const BUDGETS: &str = "controller/firmware/budgets.toml";
+/// The portable kernel, measured in the image that lets the compiler use VMLA, as it is
+/// written for; by default LLVM takes VMLA to be slow on a Cortex-M4.
 const PORTABLE: &str = "inference_without_tanh_portable";
 const WITH_VMLA: &str = "-Ctarget-cpu=cortex-m4 -Ctarget-feature=-slowfpvmlx";
-/// Figures of which the cycles are estimated, too, and the histogram is shown.
+/// Functions whose cycles are estimated and whose histograms are printed.
 const WITH_CYCLES: [&str; 2] = ["inference_without_tanh", PORTABLE];
 
-/// Instructions, cycles and bytes of the firmware, against the committed budgets.
+/// Measure instructions, cycles and bytes of the firmware against the committed budgets.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub(crate) struct Args {
-    /// Write what is measured into the file of budgets.
+    /// Write the measured values into the file of budgets.
     #[arg(long)]
     accept: bool,
-    /// Count the functions `figure_...` of another image, and compare them with nothing.
+    /// Count the functions `measured_...` of another image, without a comparison.
     #[arg(long, value_name = "ELF", conflicts_with = "accept")]
     image: Option<PathBuf>,
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
     if let Some(image) = &args.image {
-        for (figure, profile) in emulator::profiles(image)? {
-            println!("{figure}\n{profile}\n");
+        for (function, profile) in emulator::profiles(image)? {
+            println!("{function}\n{profile}\n");
         }
         return Ok(());
     }
@@ -59,41 +60,43 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 
     let mut profiles = emulator::profiles(&images.measure)?;
     profiles.extend(emulator::profiles(&with_vmla.measure)?.remove_entry(PORTABLE));
-    for figure in WITH_CYCLES {
-        let profile = profiles.get(figure).with_context(|| format!("{figure} is not measured"))?;
-        println!("{figure}\n{profile}\n");
+    for function in WITH_CYCLES {
+        let profile =
+            profiles.get(function).with_context(|| format!("{function} is not measured"))?;
+        println!("{function}\n{profile}\n");
     }
 
-    let mut measured = figures(&profiles);
+    let mut measured = counts(&profiles);
     measured.extend(size::of(&BOARDS[0].build()?.path)?);
     measured.push(Measured {
-        figure: "deepest stack".to_owned(),
+        metric: "deepest stack".to_owned(),
         unit: "bytes",
         value: stack::deepest(BOARDS[0])?,
     });
-    let path = root().join(LEDGER);
-    let ledger = Ledger::read(&path)?;
-    println!("{}", ledger.table(&measured));
+    let path = root().join(BUDGETS);
+    let budgets = Budgets::read(&path)?;
+    println!("{}", budgets.table(&measured));
     if args.accept {
-        ledger.accept(&measured, &path)?;
-        println!("\nwritten to {LEDGER}");
+        budgets.accept(&measured, &path)?;
+        println!("\nwritten to {BUDGETS}");
         return Ok(());
     }
-    ledger.check(&measured)
+    budgets.check(&measured)
 }
 
-fn figures(profiles: &BTreeMap<String, Profile>) -> Vec<Measured> {
-    let mut figures = Vec::new();
+/// Returns the counts of each function, with the estimated cycles where they are compared.
+fn counts(profiles: &BTreeMap<String, Profile>) -> Vec<Measured> {
+    let mut counts = Vec::new();
     for (name, profile) in profiles {
         let mut push = |unit, value| {
-            figures.push(Measured { figure: name.replace('_', " "), unit, value });
+            counts.push(Measured { metric: name.replace('_', " "), unit, value });
         };
         push("instructions", profile.instructions);
         if WITH_CYCLES.contains(&name.as_str()) {
             push("cycles", profile.cycles);
         }
     }
-    figures
+    counts
 }
 
 /// The bench images.
@@ -103,9 +106,9 @@ struct Images {
 }
 
 impl Images {
-    /// Builds them as the firmware is built, or with other flags.
+    /// Builds the images with the flags of the firmware, or with other ones.
     fn build(flags: Option<&str>) -> Result<Self> {
-        // A folder each: changing flags does not build anew.
+        // One folder per set of flags, so that changing flags rebuilds nothing.
         let target = root().join("target/firmware").join(flags.map_or("bench", |_| "bench-vmla"));
         let mut cargo = Command::new(env!("CARGO"));
         cargo

@@ -1,4 +1,4 @@
-//! What a call comes to: instructions, estimated cycles, opcodes.
+//! What a call costs: instructions, estimated cycles, opcodes.
 
 use super::cost;
 use super::disassembly::Disassembly;
@@ -7,26 +7,26 @@ use anyhow::{Context, Result};
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// Of one call, from its first instruction to its return.
+/// The costs of one call, from its first instruction to its return.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Profile {
-    /// Executed, those of callees among them.
+    /// Executed instructions, including those of callees.
     pub(super) instructions: u64,
-    /// Estimated by the table in [`cost`].
+    /// Cycles, estimated by the table in [`cost`].
     pub(super) cycles: u64,
-    /// How often each was executed, and what it cost.
+    /// Executions and cycles of each opcode.
     opcodes: BTreeMap<String, (u64, u64)>,
 }
 
 impl Profile {
-    /// Of a call in the image that was disassembled.
+    /// Computes the costs of a call in the disassembled image.
     pub(super) fn of(call: &Call, image: &Disassembly) -> Result<Self> {
         let path = &call.addresses;
         let at = |i: usize| path.get(i).and_then(|&address| image.at(address));
         let mut profile = Self::default();
         for (i, &address) in path.iter().enumerate() {
             let instruction = at(i).with_context(|| {
-                format!("{}: nothing at {address:#x} in the disassembly", call.figure)
+                format!("{}: nothing at {address:#x} in the disassembly", call.function)
             })?;
             // The last one returns.
             let jumps = path.get(i + 1) != Some(&(address + instruction.length));
@@ -41,7 +41,7 @@ impl Profile {
     }
 }
 
-/// The histogram, most frequent first.
+/// Prints the histogram of opcodes, the most frequent first.
 impl fmt::Display for Profile {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut rows: Vec<_> = self.opcodes.iter().collect();

@@ -1,15 +1,15 @@
-//! Flash and RAM that an image takes, from its sections.
+//! Flash and RAM that the sections of an image occupy.
 
-use super::ledger::Measured;
+use super::budgets::Measured;
 use anyhow::{Context, Result};
 use object::{Object, ObjectSection, SectionFlags, elf};
 use std::path::Path;
 
-/// Where RAM begins on a Cortex-M.
+/// Start address of RAM on a Cortex-M.
 const RAM: u64 = 0x2000_0000;
 
-/// Flash (code, constants and the initial values of variables) and RAM (variables,
-/// initialised or not; the stack not among them).
+/// Returns the bytes of flash (code, constants, initial values of variables) and of RAM
+/// (variables without the stack).
 pub(super) fn of(image: &Path) -> Result<[Measured; 2]> {
     let bytes = std::fs::read(image).with_context(|| format!("cannot read {}", image.display()))?;
     let elf = object::File::parse(&*bytes)
@@ -27,6 +27,6 @@ pub(super) fn of(image: &Path) -> Result<[Measured; 2]> {
             ram += section.size();
         }
     }
-    let bytes = |figure: &str, value| Measured { figure: figure.to_owned(), unit: "bytes", value };
+    let bytes = |metric: &str, value| Measured { metric: metric.to_owned(), unit: "bytes", value };
     Ok([bytes("flash without weights", flash), bytes("static RAM", ram)])
 }

@@ -1,4 +1,4 @@
-//! How deep the stack of the flashed controller goes.
+//! The deepest stack of the firmware.
 
 use anyhow::{Context, Result};
 use harness::board::Board;
@@ -11,12 +11,12 @@ use crate::setup;
 /// Ticks of the shore in lock-step: from its start beyond the first apex.
 const TICKS: u64 = 500;
 
-/// Deepest stack, bytes, of all that the main loop does: power-up with a policy, a
-/// policy uploaded and swapped in, a run in lock-step.
+/// Returns the deepest stack in bytes over a power-up with a policy, the upload of a policy
+/// that is then swapped in, and a run in lock-step.
 ///
-/// A byte that came in the midst of the power-up would put its interrupt on top,
-/// now and then: nothing is sent before the board sleeps. After that a frame is
-/// worked on when its last byte is here, and nobody sends the next one meanwhile.
+/// Nothing is sent before the board sleeps: the interrupt of a byte during power-up would
+/// sometimes add to the stack. Later frames are handled after their last byte, when no
+/// other byte is under way.
 pub(super) fn deepest(board: Board) -> Result<u64> {
     setup::emulation()?;
     let programs = Programs::build()?;
@@ -35,5 +35,5 @@ pub(super) fn deepest(board: Board) -> Result<u64> {
     let mut bridge = Running::start(&mut bridge)?;
     programs.shore(Some(TICKS), &["--domain", &domain])?;
     let line = bridge.result("the bridge")?;
-    line["controller"]["stack_used"].as_u64().context("the bridge does not tell the stack")
+    line["controller"]["stack_used"].as_u64().context("the bridge does not report the stack")
 }

@@ -1,4 +1,4 @@
-//! From QEMU's log of executed instructions to the calls of one figure.
+//! Cuts QEMU's log of executed instructions into the calls of the counted functions.
 //!
 //! With `-singlestep -d exec,nochain` QEMU writes a line for every instruction
 //! before it runs, such as
@@ -7,15 +7,15 @@
 
 use std::collections::BTreeMap;
 
-/// The address in a line of the log; `None` for a line of another kind.
+/// Returns the address in a line of the log, `None` for a line of another kind.
 pub(super) fn address_of(line: &str) -> Option<u32> {
     let fields = line.strip_prefix("Trace ")?.split_once('[')?.1;
     u32::from_str_radix(fields.split('/').nth(1)?, 16).ok()
 }
 
-/// Cuts the stream of addresses into calls of the functions that are watched:
-/// from a function's first instruction until the return to what follows its
-/// call. A watched function called by a watched one counts in both.
+/// Cuts the stream of addresses into calls of the watched functions: from the first
+/// instruction to the return behind the call. A watched function that another one calls
+/// counts in both.
 pub(super) struct Calls<'a> {
     watched: &'a BTreeMap<u32, String>,
     open: Vec<Open>,
@@ -26,7 +26,7 @@ pub(super) struct Calls<'a> {
 
 /// A call that has not returned yet.
 struct Open {
-    figure: String,
+    function: String,
     back: u32,
     addresses: Vec<u32>,
 }
@@ -34,14 +34,15 @@ struct Open {
 /// A call that has returned.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Call {
-    /// The function's name.
-    pub(super) figure: String,
-    /// Every instruction's address, in the order of execution.
+    /// Name of the function.
+    pub(super) function: String,
+    /// Addresses of all instructions in the order of execution.
     pub(super) addresses: Vec<u32>,
 }
 
 impl<'a> Calls<'a> {
-    /// `watched`: entry addresses and names; `length_of`: an instruction's bytes.
+    /// Watches functions, given by entry address and name. `length_of` returns the bytes
+    /// of the instruction at an address.
     pub(super) fn new(
         watched: &'a BTreeMap<u32, String>,
         length_of: &'a dyn Fn(u32) -> Option<u32>,
@@ -49,15 +50,15 @@ impl<'a> Calls<'a> {
         Self { watched, open: Vec::new(), done: Vec::new(), previous: None, length_of }
     }
 
-    /// The next instruction.
+    /// Takes the address of the next instruction.
     pub(super) fn push(&mut self, address: u32) {
         while self.open.last().is_some_and(|call| call.back == address) {
-            let Open { figure, addresses, .. } = self.open.pop().expect("just seen");
-            self.done.push(Call { figure, addresses });
+            let Open { function, addresses, .. } = self.open.pop().expect("just seen");
+            self.done.push(Call { function, addresses });
         }
-        if let (Some(figure), Some(caller)) = (self.watched.get(&address), self.previous) {
+        if let (Some(function), Some(caller)) = (self.watched.get(&address), self.previous) {
             let back = caller + (self.length_of)(caller).unwrap_or(4);
-            self.open.push(Open { figure: figure.clone(), back, addresses: Vec::new() });
+            self.open.push(Open { function: function.clone(), back, addresses: Vec::new() });
         }
         for call in &mut self.open {
             call.addresses.push(address);
@@ -65,7 +66,7 @@ impl<'a> Calls<'a> {
         self.previous = Some(address);
     }
 
-    /// The calls that returned, in the order of their returns.
+    /// Returns the completed calls in the order of their returns.
     pub(super) fn finish(self) -> Vec<Call> {
         self.done
     }
@@ -94,8 +95,8 @@ mod tests {
         {
             calls.push(address);
         }
-        let call = |figure: &str, addresses: &[u32]| Call {
-            figure: figure.to_owned(),
+        let call = |function: &str, addresses: &[u32]| Call {
+            function: function.to_owned(),
             addresses: addresses.to_vec(),
         };
         assert_eq!(
