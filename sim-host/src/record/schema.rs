@@ -1,420 +1,94 @@
-//! The messages of a recording, as `leg.proto` has them, and the channels that
-//! carry them. A test holds the two together, field by field.
-//!
-//! Floats are `required`: they are written also when they compare equal to 0,
-//! for -0 does too.
+//! The messages of a recording, generated from `leg.proto`, and their channels.
 
 use leg_control::wire;
-use prost::Message;
+use prost::{Message, Name};
 
-/// `leg.proto`, compiled: a `FileDescriptorSet`, the schema of every channel.
-pub const DESCRIPTORS: &[u8] = include_bytes!("leg.fds");
+pub use generated::*;
 
-/// What a recording's header says it is.
+/// `leg.proto` as a serialised `FileDescriptorSet`: the MCAP schema of every channel.
+pub const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/leg.fds"));
+
+/// The profile in a recording's MCAP header.
 pub const PROFILE: &str = "spring-leg";
 
-/// A channel of a recording.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[repr(u8)]
-pub enum Channel {
-    /// [`Sample`].
-    Sample,
-    /// [`Command`].
-    Command,
-    /// [`State`].
-    State,
-    /// [`Apex`].
-    Apex,
-    /// [`Event`].
-    Event,
-    /// [`Policy`].
-    Policy,
-    /// [`Config`].
-    Config,
-    /// [`Loop`].
-    Loop,
-    /// [`End`].
-    End,
+#[allow(missing_docs, clippy::pedantic, reason = "generated code")]
+mod generated {
+    include!(concat!(env!("OUT_DIR"), "/leg.rs"));
 }
 
-impl Channel {
-    /// All of them, in the order of their numbers.
-    pub const ALL: [Self; 9] = [
-        Self::Sample,
-        Self::Command,
-        Self::State,
-        Self::Apex,
-        Self::Event,
-        Self::Policy,
-        Self::Config,
-        Self::Loop,
-        Self::End,
-    ];
-
-    /// Its name in the file.
-    #[must_use]
-    pub const fn topic(self) -> &'static str {
-        match self {
-            Self::Sample => "/sample",
-            Self::Command => "/command",
-            Self::State => "/state",
-            Self::Apex => "/apex",
-            Self::Event => "/event",
-            Self::Policy => "/policy",
-            Self::Config => "/config",
-            Self::Loop => "/loop",
-            Self::End => "/end",
-        }
-    }
-
-    /// The type of its messages.
-    #[must_use]
-    pub const fn schema(self) -> &'static str {
-        match self {
-            Self::Sample => "leg.Sample",
-            Self::Command => "leg.Command",
-            Self::State => "leg.State",
-            Self::Apex => "leg.Apex",
-            Self::Event => "leg.Event",
-            Self::Policy => "leg.Policy",
-            Self::Config => "leg.Config",
-            Self::Loop => "leg.Loop",
-            Self::End => "leg.End",
-        }
-    }
-}
-
-/// A message that has a channel of its own.
-pub trait Recorded: Message + Default + std::fmt::Debug {
-    /// The channel.
+/// A message type that has a channel.
+pub trait Recorded: Message + Name + Default {
+    /// The channel of the type.
     const CHANNEL: Channel;
 }
 
-/// What the controller was told at a tick: [`wire::Sample`].
-#[derive(Clone, PartialEq, Message)]
-pub struct Sample {
-    /// [`wire::Header::version`].
-    #[prost(uint32, tag = "1")]
-    pub version: u32,
-    /// [`wire::Header::flags`].
-    #[prost(uint32, tag = "2")]
-    pub flags: u32,
-    /// [`wire::Header::run_id`].
-    #[prost(uint32, tag = "3")]
-    pub run_id: u32,
-    /// [`wire::Header::seq`].
-    #[prost(uint64, tag = "4")]
-    pub seq: u64,
-    /// [`wire::Header::t_ns`].
-    #[prost(uint64, tag = "5")]
-    pub t_ns: u64,
-    /// [`wire::Sample::set_point_m_s`].
-    #[prost(float, required, tag = "6")]
-    pub set_point_m_s: f32,
-    /// [`wire::Sample::vx_m_s`].
-    #[prost(float, required, tag = "7")]
-    pub vx_m_s: f32,
-    /// [`wire::Sample::y_m`].
-    #[prost(float, required, tag = "8")]
-    pub y_m: f32,
-    /// [`wire::Sample::vy_m_s`].
-    #[prost(float, required, tag = "9")]
-    pub vy_m_s: f32,
-    /// [`wire::Sample::leg_length_m`].
-    #[prost(float, required, tag = "10")]
-    pub leg_length_m: f32,
-    /// [`wire::Sample::density_ratio`].
-    #[prost(float, required, tag = "11")]
-    pub density_ratio: f32,
-}
+macro_rules! channels {
+    ($($name:ident = $topic:literal),* $(,)?) => {
+        /// A channel of a recording; each carries the message type of its name.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        #[repr(u8)]
+        #[allow(missing_docs, reason = "each is described at its message type")]
+        pub enum Channel {
+            $($name),*
+        }
 
-/// The command in force over a tick: [`wire::Command`], where it acts, and how
-/// it came.
-#[derive(Clone, PartialEq, Message)]
-pub struct Command {
-    /// [`wire::Header::version`].
-    #[prost(uint32, tag = "1")]
-    pub version: u32,
-    /// [`wire::Header::flags`].
-    #[prost(uint32, tag = "2")]
-    pub flags: u32,
-    /// [`wire::Header::run_id`].
-    #[prost(uint32, tag = "3")]
-    pub run_id: u32,
-    /// [`wire::Header::seq`], of the sample that it answers.
-    #[prost(uint64, tag = "4")]
-    pub seq: u64,
-    /// [`wire::Header::t_ns`], of the sample that it answers.
-    #[prost(uint64, tag = "5")]
-    pub t_ns: u64,
-    /// [`wire::Command::leg_angle_rad`].
-    #[prost(float, required, tag = "6")]
-    pub leg_angle_rad: f32,
-    /// [`wire::Command::elongation_m`].
-    #[prost(float, required, tag = "7")]
-    pub elongation_m: f32,
-    /// [`wire::Command::elongation_rate_m_s`].
-    #[prost(float, required, tag = "8")]
-    pub elongation_rate_m_s: f32,
-    /// [`wire::Command::apex_vx_m_s`].
-    #[prost(float, required, tag = "9")]
-    pub apex_vx_m_s: f32,
-    /// [`wire::Command::apex_y_m`].
-    #[prost(float, required, tag = "10")]
-    pub apex_y_m: f32,
-    /// [`wire::Command::density_ratio`].
-    #[prost(float, required, tag = "11")]
-    pub density_ratio: f32,
-    /// [`wire::Command::velocity_offset_m_s`].
-    #[prost(float, required, tag = "12")]
-    pub velocity_offset_m_s: f32,
-    /// [`wire::Command::apexes`].
-    #[prost(uint32, tag = "13")]
-    pub apexes: u32,
-    /// [`wire::Command::rejected`].
-    #[prost(uint32, tag = "14")]
-    pub rejected: u32,
-    /// [`wire::Command::reserved`].
-    #[prost(uint32, tag = "15")]
-    pub reserved: u32,
-    /// The tick over which it acts.
-    #[prost(uint64, tag = "16")]
-    pub tick: u64,
-    /// Whether it has come for this tick.
-    #[prost(bool, tag = "17")]
-    pub is_new: bool,
-    /// From sample to command, ns; 0 where nobody waits for it.
-    #[prost(uint64, tag = "18")]
-    pub round_trip_ns: u64,
-}
+        impl Channel {
+            /// All channels, in the order of their numbers.
+            pub const ALL: &[Self] = &[$(Self::$name),*];
 
-/// What the leg does.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, prost::Enumeration)]
-#[repr(i32)]
-pub enum Phase {
-    /// The foot is in the air.
-    Flight = 0,
-    /// The foot is on the ground.
-    Stance = 1,
-    /// The body lies on the ground.
-    Fallen = 2,
-}
+            /// Returns the topic of the channel in the file.
+            #[must_use]
+            pub const fn topic(self) -> &'static str {
+                match self {
+                    $(Self::$name => $topic),*
+                }
+            }
 
-/// The leg as it truly is at the start of a tick.
-#[derive(Clone, PartialEq, Message)]
-pub struct State {
-    /// The tick.
-    #[prost(uint64, tag = "1")]
-    pub seq: u64,
-    /// Place, m.
-    #[prost(double, required, tag = "2")]
-    pub x_m: f64,
-    /// Horizontal velocity, m/s.
-    #[prost(double, required, tag = "3")]
-    pub vx_m_s: f64,
-    /// Height, m.
-    #[prost(double, required, tag = "4")]
-    pub y_m: f64,
-    /// Vertical velocity, m/s.
-    #[prost(double, required, tag = "5")]
-    pub vy_m_s: f64,
-    /// What it does.
-    #[prost(enumeration = "Phase", tag = "6")]
-    pub phase: i32,
-    /// Place of the foot in stance, m; else 0.
-    #[prost(double, required, tag = "7")]
-    pub foot_x_m: f64,
-    /// Height of the foot in stance, m; else 0.
-    #[prost(double, required, tag = "8")]
-    pub foot_y_m: f64,
-    /// Density of the medium over that of water.
-    #[prost(double, required, tag = "9")]
-    pub density_ratio: f64,
-}
+            /// Returns the full name of the channel's message type.
+            #[must_use]
+            pub fn schema(self) -> String {
+                match self {
+                    $(Self::$name => $name::full_name()),*
+                }
+            }
+        }
 
-/// A highest point of the path, and what the controller made of it.
-#[derive(Clone, PartialEq, Message)]
-pub struct Apex {
-    /// The tick in which it lies.
-    #[prost(uint64, tag = "1")]
-    pub seq: u64,
-    /// Its time, s.
-    #[prost(double, required, tag = "2")]
-    pub t_s: f64,
-    /// Place, m.
-    #[prost(double, required, tag = "3")]
-    pub x_m: f64,
-    /// Height, m.
-    #[prost(double, required, tag = "4")]
-    pub y_m: f64,
-    /// Horizontal velocity, m/s.
-    #[prost(double, required, tag = "5")]
-    pub vx_m_s: f64,
-    /// The velocity asked for, m/s.
-    #[prost(double, required, tag = "6")]
-    pub set_point_m_s: f64,
-    /// The medium's density over that of water.
-    #[prost(double, required, tag = "7")]
-    pub density_ratio: f64,
-    /// Whether the controller has answered it.
-    #[prost(bool, tag = "8")]
-    pub answered: bool,
-    /// The density ratio that its actor was given.
-    #[prost(double, required, tag = "9")]
-    pub density_estimate: f64,
-    /// The horizontal velocity that it has found, m/s.
-    #[prost(double, required, tag = "10")]
-    pub seen_vx_m_s: f64,
-    /// Its offset of the velocity that the actor was given, m/s.
-    #[prost(double, required, tag = "11")]
-    pub velocity_offset_m_s: f64,
-}
+        /// A message of any channel.
+        #[derive(Clone, Debug, PartialEq)]
+        #[allow(missing_docs, reason = "each is described at its message type")]
+        pub enum AnyMessage {
+            $($name($name)),*
+        }
 
-/// The kinds of [`Event`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, prost::Enumeration)]
-#[repr(i32)]
-pub enum EventKind {
-    /// Not said.
-    Unknown = 0,
-    /// The foot came down.
-    Touchdown = 1,
-    /// The leg reached its rest length.
-    LiftOff = 2,
-    /// The body came down to the ground.
-    Fall = 3,
-}
+        impl AnyMessage {
+            /// Decodes a message of `channel`.
+            ///
+            /// # Errors
+            /// [`prost::DecodeError`] if `bytes` are not of the channel's type.
+            pub fn decode(channel: Channel, bytes: &[u8]) -> Result<Self, prost::DecodeError> {
+                match channel {
+                    $(Channel::$name => $name::decode(bytes).map(Self::$name)),*
+                }
+            }
+        }
 
-/// What happened to the leg, and where its mass was.
-#[derive(Clone, PartialEq, Message)]
-pub struct Event {
-    /// The tick in which it lies.
-    #[prost(uint64, tag = "1")]
-    pub seq: u64,
-    /// Its time, s.
-    #[prost(double, required, tag = "2")]
-    pub t_s: f64,
-    /// What it was.
-    #[prost(enumeration = "EventKind", tag = "3")]
-    pub kind: i32,
-    /// Place, m.
-    #[prost(double, required, tag = "4")]
-    pub x_m: f64,
-    /// Horizontal velocity, m/s.
-    #[prost(double, required, tag = "5")]
-    pub vx_m_s: f64,
-    /// Height, m.
-    #[prost(double, required, tag = "6")]
-    pub y_m: f64,
-    /// Vertical velocity, m/s.
-    #[prost(double, required, tag = "7")]
-    pub vy_m_s: f64,
-    /// Place of the foot at a touchdown, m; else 0.
-    #[prost(double, required, tag = "8")]
-    pub foot_x_m: f64,
-    /// Height of the foot at a touchdown, m; else 0.
-    #[prost(double, required, tag = "9")]
-    pub foot_y_m: f64,
-}
-
-/// A policy that the controller runs, whole.
-#[derive(Clone, PartialEq, Message)]
-pub struct Policy {
-    /// Its name.
-    #[prost(string, tag = "1")]
-    pub name: String,
-    /// The checksum at its end.
-    #[prost(uint32, tag = "2")]
-    pub crc32: u32,
-    /// The file; empty when the recorder did not get hold of it.
-    #[prost(bytes = "vec", tag = "3")]
-    pub blob: Vec<u8>,
-    /// The run.
-    #[prost(uint32, tag = "4")]
-    pub run_id: u32,
-    /// The tick before which the controller was given it; it takes over at the
-    /// next apex.
-    #[prost(uint64, tag = "5")]
-    pub seq: u64,
-}
-
-/// What was played, and by what.
-#[derive(Clone, PartialEq, Message)]
-pub struct Config {
-    /// The scenario, file and flags together, as a file for `--scenario`.
-    #[prost(string, tag = "1")]
-    pub scenario_toml: String,
-    /// The version of this program.
-    #[prost(string, tag = "2")]
-    pub sim_host_version: String,
-    /// [`wire::WIRE_VERSION`].
-    #[prost(uint32, tag = "3")]
-    pub wire_version: u32,
-    /// Ticks a second.
-    #[prost(uint32, tag = "4")]
-    pub rate_hz: u32,
-    /// Gravity as the controller is told it, m/s2.
-    #[prost(float, required, tag = "5")]
-    pub gravity_m_s2: f32,
-    /// `lock-step` or `real-time`.
-    #[prost(string, tag = "6")]
-    pub pace: String,
-    /// How the program was called.
-    #[prost(string, repeated, tag = "7")]
-    pub command_line: Vec<String>,
-    /// Wall clock at the start, ns from 1970-01-01, UTC.
-    #[prost(uint64, tag = "8")]
-    pub started_unix_ns: u64,
-}
-
-/// How the leg's loop kept time.
-#[derive(Clone, PartialEq, Message)]
-pub struct Loop {
-    /// The tick.
-    #[prost(uint64, tag = "1")]
-    pub seq: u64,
-    /// Its beginning after its time, ns.
-    #[prost(int64, tag = "2")]
-    pub lateness_ns: i64,
-    /// How long it took, ns.
-    #[prost(uint64, tag = "3")]
-    pub tick_ns: u64,
-    /// Age of the sample that its command answers, ns.
-    #[prost(uint64, tag = "4")]
-    pub sample_age_ns: u64,
-    /// From that sample to its command, ns.
-    #[prost(uint64, tag = "5")]
-    pub round_trip_ns: u64,
-    /// What was out of order in it: 1 no new command, 2 a safe command in force.
-    #[prost(uint32, tag = "6")]
-    pub flags: u32,
-}
-
-/// What the run came to.
-#[derive(Clone, PartialEq, Message)]
-pub struct End {
-    /// Why it ended.
-    #[prost(string, tag = "1")]
-    pub ending: String,
-    /// Ticks played.
-    #[prost(uint64, tag = "2")]
-    pub ticks: u64,
-    /// Hash of every state and command, hexadecimal.
-    #[prost(string, tag = "3")]
-    pub state_hash: String,
-    /// Ticks and events that the recorder had no room for.
-    #[prost(uint64, tag = "4")]
-    pub dropped: u64,
-}
-
-macro_rules! recorded {
-    ($($name:ident),*) => {
         $(impl Recorded for $name {
             const CHANNEL: Channel = Channel::$name;
         })*
     };
 }
 
-recorded!(Sample, Command, State, Apex, Event, Policy, Config, Loop, End);
+channels! {
+    Sample = "/sample",
+    Command = "/command",
+    State = "/state",
+    Apex = "/apex",
+    Event = "/event",
+    Policy = "/policy",
+    Config = "/config",
+    Loop = "/loop",
+    End = "/end",
+}
 
 impl From<&wire::Sample> for Sample {
     fn from(sample: &wire::Sample) -> Self {
@@ -450,9 +124,9 @@ impl From<&Sample> for wire::Sample {
 }
 
 impl Command {
-    /// A command in force over `tick`.
+    /// Converts a command that is in force during `tick`.
     #[must_use]
-    pub fn over(tick: u64, command: &wire::Command, is_new: bool, round_trip_ns: u64) -> Self {
+    pub fn in_force(tick: u64, command: &wire::Command, is_new: bool, round_trip_ns: u64) -> Self {
         let wire::Header { version, flags, run_id, seq, t_ns } = command.header;
         Self {
             version: version.into(),
@@ -500,4 +174,53 @@ fn header(version: u32, flags: u32, run_id: u32, seq: u64, t_ns: u64) -> wire::H
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keeps_every_bit_of_zeros_and_nans() {
+        for bits in [0, 0x8000_0000, 0x7fc0_0001, 0xffa1_2345, 0x7f80_0000, 1] {
+            let x = f32::from_bits(bits);
+            let sample = wire::Sample { vx_m_s: x, density_ratio: x, ..wire::Sample::default() };
+            let decoded = Sample::decode(&*Sample::from(&sample).encode_to_vec()).unwrap();
+            let decoded = wire::Sample::from(&decoded);
+            assert_eq!(decoded.vx_m_s.to_bits(), bits);
+            assert_eq!(decoded.density_ratio.to_bits(), bits);
+        }
+        let state = State { x_m: -0.0, ..State::default() };
+        let decoded = State::decode(&*state.encode_to_vec()).unwrap();
+        assert_eq!(decoded.x_m.to_bits(), (-0.0_f64).to_bits());
+    }
+
+    #[test]
+    fn keeps_every_field_of_the_wire_messages() {
+        let header = header(1, 2, 3, u64::MAX, 5);
+        let command = wire::Command {
+            header,
+            leg_angle_rad: 6.5,
+            elongation_m: -7.5,
+            elongation_rate_m_s: 8.5,
+            apex_vx_m_s: 9.5,
+            apex_y_m: 10.5,
+            density_ratio: 11.5,
+            velocity_offset_m_s: 12.5,
+            apexes: 13,
+            rejected: 14,
+            reserved: 15,
+        };
+        let recorded = Command::in_force(9, &command, false, 0);
+        let decoded = Command::decode(&*recorded.encode_to_vec()).unwrap();
+        assert_eq!(wire::Command::from(&decoded), command);
+        let sample = wire::Sample {
+            header,
+            set_point_m_s: 6.5,
+            vx_m_s: f32::MIN_POSITIVE,
+            y_m: 8.5,
+            vy_m_s: f32::INFINITY,
+            leg_length_m: 10.5,
+            density_ratio: 11.5,
+        };
+        let decoded = Sample::decode(&*Sample::from(&sample).encode_to_vec()).unwrap();
+        assert_eq!(wire::Sample::from(&decoded), sample);
+    }
+}
