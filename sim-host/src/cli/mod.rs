@@ -89,7 +89,7 @@ fn play(program: &Program) -> anyhow::Result<ExitCode> {
         Some(Command::Robustness(args)) => robustness::main(args),
         Some(Command::Faults) => faults::main(),
         Some(Command::Plot(args)) => plot::main(args),
-        Some(Command::Recorder { path }) => Ok(crate::record::recorder(path)),
+        Some(Command::Recorder { path }) => Ok(crate::record::writer_process(path)),
         Some(Command::Apex(args)) => apex::main(args),
         Some(Command::Bench { what }) => bench::main(what),
         Some(Command::Controller(args)) => Ok(leg_host::cli::main(args)),

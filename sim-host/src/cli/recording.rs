@@ -1,4 +1,4 @@
-//! `--record`: a recording beside a run, or none.
+//! The option `--record`: a recording beside a run, or none.
 
 use std::path::Path;
 
@@ -8,23 +8,23 @@ use leg_host::realtime::{Listener, Word};
 
 use super::misuse;
 use crate::record::schema::{Config, End, Loop, Policy as PolicyMessage};
-use crate::record::{OnFull, PolicyWatch, RecordError, Recorder, Tap};
+use crate::record::{OnFull, PolicyPoller, RecordError, RecordTap, Recorder};
 use crate::scenario::{Scenario, Settings};
 use crate::session::{Hooks, Options, Outcome, TickRecord};
 
-/// A recording under way, if one is wanted.
+/// A recording in progress, if one was requested.
 #[derive(Debug, Default)]
 pub(super) struct Recording(Option<Active>);
 
 #[derive(Debug)]
 struct Active {
-    tap: Tap,
-    policies: Option<PolicyWatch>,
+    tap: RecordTap,
+    policies: Option<PolicyPoller>,
     recorder: Recorder,
 }
 
 impl Recording {
-    /// Begins one at `path`, if there is one.
+    /// Starts a recording if there is a path.
     pub(super) fn begin(
         path: Option<&Path>,
         settings: &Settings,
@@ -42,45 +42,41 @@ impl Recording {
         Ok(Self(Some(Active { tap, policies: None, recorder })))
     }
 
-    /// The policy of this process's own controller.
+    /// Records the policy of a controller in this process.
     pub(super) fn policy(&self, blob: &[u8], policy: &Policy<'_>) {
         if let Some(active) = &self.0 {
-            active.recorder.notes().policy(PolicyMessage::of(
-                blob,
-                policy,
-                Options::default().run_id,
-                0,
-            ));
+            let run_id = Options::default().run_id;
+            active.recorder.sink().policy(PolicyMessage::of(blob, policy, run_id, 0));
         }
     }
 
-    /// From now on asks the controller in `domain` what it runs in the run `run_id`.
-    pub(super) fn ask_for_policies(&mut self, domain: &str, run_id: u32) {
+    /// Starts to poll the controller in `domain` for the policies of a run.
+    pub(super) fn poll_policies(&mut self, domain: &str, run_id: u32) {
         if let Some(active) = &mut self.0 {
-            let notes = active.recorder.notes();
-            active.policies = Some(PolicyWatch::begin(domain, run_id, notes));
+            let sink = active.recorder.sink();
+            active.policies = Some(PolicyPoller::begin(domain, run_id, sink));
         }
     }
 
-    /// What is to see the rows of the loop, to record them too.
+    /// Returns a listener that records the timing of the leg's loop.
     pub(super) fn listener(&self) -> Option<Listener> {
-        let notes = self.0.as_ref()?.recorder.notes();
+        let sink = self.0.as_ref()?.recorder.sink();
         Some(Listener::new(move |row| {
-            // Outside of a run there is no tick to speak of.
+            // Other rows are of no tick of a run.
             if matches!(row.word, Word::New | Word::Stale) {
-                notes.loop_row(Loop::of(row));
+                sink.timing(Loop::of(row));
             }
         }))
     }
 
-    /// Takes in a tick.
+    /// Records a tick.
     pub(super) fn push(&mut self, tick: &TickRecord<'_>) {
         if let Some(active) = &mut self.0 {
             active.tap.push(tick);
         }
     }
 
-    /// Finishes the file. It says on stderr what of the run is not in it.
+    /// Completes the file, and warns on stderr if ticks are missing.
     pub(super) fn finish(
         self,
         outcome: Result<&Outcome, &anyhow::Error>,
@@ -91,12 +87,12 @@ impl Recording {
             Ok(outcome) => End::of(outcome),
             Err(error) => End::broken_off(error),
         };
-        let recorded = recorder.finish(end)?;
-        if recorded.dropped > 0 {
+        let summary = recorder.finish(end)?;
+        if summary.dropped > 0 {
             eprintln!(
-                "sim-host: warning: the recording lacks {} ticks and events, for which its ring \
-                 had no room; is the machine too busy?",
-                recorded.dropped
+                "sim-host: warning: {} ticks and events are missing from the recording, because \
+                 its buffer was full; the machine may be too busy",
+                summary.dropped
             );
         }
         Ok(())

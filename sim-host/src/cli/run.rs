@@ -223,7 +223,7 @@ pub(super) fn meet<R>(
         News::Notice(notice) => eprintln!("sim-host: {notice}"),
     };
     let run_id = new_run_id();
-    recording.ask_for_policies(&domain, run_id);
+    recording.poll_policies(&domain, run_id);
     let meeting = Meeting { domain, timeout, start, run_id };
     let run = |met: Met<'_>| run(met, run_id, recording);
     two_processes::play_by(terms, &meeting, stop, tell, run).map_err(|error| match &error {

@@ -55,7 +55,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let mut recorder = Recorder::default();
     let stop = Stop::on_signals()?;
     let meeting = meeting(args, &scenario);
-    recording.ask_for_policies(&meeting.domain, meeting.run_id);
+    recording.poll_policies(&meeting.domain, meeting.run_id);
     let outcome = two_processes::play(
         &scenario,
         &meeting,

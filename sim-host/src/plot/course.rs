@@ -5,8 +5,8 @@ use std::path::Path;
 
 use leg_control::wire::flags;
 
-use crate::record::read::{Entry, ReadError, Reader};
-use crate::record::schema::{Apex, Command, Event, Sample, State};
+use crate::record::read::{ReadError, Reader};
+use crate::record::schema::{AnyMessage, Apex, Command, Event, Sample, State};
 use crate::scenario::{Scenario, Settings};
 
 /// Points of a line, about: more than that cannot be told apart.
@@ -87,22 +87,22 @@ impl Course {
         let mut reader = Reader::open(path)?;
         let mut builder = Builder::new(span);
         let mut title = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        while let Some(entry) = reader.next_entry()? {
-            match entry {
-                Entry::Config(config) => {
+        while let Some(message) = reader.next_message()? {
+            match message {
+                AnyMessage::Config(config) => {
                     title = format!("{title}: {} at {} Hz", config.pace, config.rate_hz);
                     builder.configure(config.rate_hz, &config.scenario_toml);
                 }
-                Entry::Policy(policy) if policy.seq == 0 => {
+                AnyMessage::Policy(policy) if policy.seq == 0 => {
                     title = format!("{title}, policy {}", policy.name);
                 }
-                Entry::Sample(sample) => builder.sample(&sample),
-                Entry::Command(command) => builder.command(&command),
-                Entry::State(state) => builder.state(&state),
-                Entry::Apex(apex) if builder.span.contains(&apex.t_s) => {
+                AnyMessage::Sample(sample) => builder.sample(&sample),
+                AnyMessage::Command(command) => builder.command(&command),
+                AnyMessage::State(state) => builder.state(&state),
+                AnyMessage::Apex(apex) if builder.span.contains(&apex.t_s) => {
                     builder.course.apexes.push(apex);
                 }
-                Entry::Event(event) if builder.span.contains(&event.t_s) => {
+                AnyMessage::Event(event) if builder.span.contains(&event.t_s) => {
                     builder.course.events.push(event);
                 }
                 _ => (),

@@ -1,4 +1,4 @@
-//! What a recording says of its run.
+//! Fills the messages that describe a run: configuration, policies, timing, end.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -11,16 +11,16 @@ use super::schema::{Config, End, Loop, Policy};
 use crate::scenario::{Scenario, Settings};
 use crate::session::{Ending, Outcome};
 
-/// How [`Config::pace`] says it.
+/// [`Config::pace`] of a run in lock-step.
 pub const LOCK_STEP: &str = "lock-step";
-/// How [`Config::pace`] says it.
+/// [`Config::pace`] of a run in real time.
 pub const REAL_TIME: &str = "real-time";
 
 impl Config {
-    /// Of a run that begins now, of this program as it was called.
+    /// Describes a run of this program that begins now.
     ///
     /// # Errors
-    /// When the settings have a number that TOML does not: a seed of 2^63 or more.
+    /// If the settings have a number that TOML cannot represent.
     pub fn of(
         settings: &Settings,
         scenario: &Scenario,
@@ -45,7 +45,7 @@ impl Config {
 }
 
 impl Policy {
-    /// A policy that passed its checks, given to the controller before a tick.
+    /// Describes a policy that the controller receives before tick `seq`.
     #[must_use]
     pub fn of(blob: &[u8], policy: &policy::Policy<'_>, run_id: u32, seq: u64) -> Self {
         let crc32 = blob.last_chunk().copied().map_or(0, u32::from_le_bytes);
@@ -55,7 +55,7 @@ impl Policy {
 }
 
 impl Loop {
-    /// A row of the leg's loop.
+    /// Describes the timing of a tick of the leg's loop.
     #[must_use]
     pub fn of(row: &Row) -> Self {
         Self {
@@ -70,7 +70,7 @@ impl Loop {
 }
 
 impl End {
-    /// Of a run that came to its end.
+    /// Describes a run that ended as planned, by a fall, or by a signal.
     #[must_use]
     pub fn of(outcome: &Outcome) -> Self {
         let report = outcome.report();
@@ -88,7 +88,7 @@ impl End {
         }
     }
 
-    /// Of a run that broke off.
+    /// Describes a run that ended with an error.
     #[must_use]
     pub fn broken_off(cause: &impl std::fmt::Display) -> Self {
         Self { ending: cause.to_string(), ..Self::default() }

@@ -1,31 +1,32 @@
-//! Recordings: a run as a file, to look at, to replay, to plot.
+//! Records a run to an MCAP file and reads it back.
 //!
 //! ```text
-//! loop ── Tap ──▶ ring ──▶ clerk, a thread ──▶ pipe ──▶ recorder, a process ──▶ run.mcap
+//! loop -- RecordTap --> ring --> feeder thread --> pipe --> writer process --> run.mcap
 //! ```
 //!
-//! The loop copies each tick, a fixed size, into a ring that nobody locks. A
-//! thread turns it into the messages of [`schema`] (`leg.proto`), and a process
-//! of its own writes them as an MCAP file, beside its place until it is
-//! finished. So a run that is killed leaves a whole file, up to a tenth of a
-//! second before its end; and if the recorder dies, the run goes on.
+//! The loop copies a record of fixed size into a lock-free ring at each tick. A
+//! thread converts the records to the messages of [`schema`] (`leg.proto`), and
+//! a separate process writes them to `run.mcap.part`, which it renames to
+//! `run.mcap` once the file is complete. If the run is killed, the writer still
+//! completes the file, up to a tenth of a second before the run's end; if the
+//! writer dies, the run continues without it.
 //!
-//! In real time a ring that is full drops rows and counts them; in lock-step,
-//! where time waits, the run does ([`OnFull`]). Replay, plot and other readers
-//! see a recording by [`read`].
+//! When the ring is full, a run in real time drops and counts records and a run
+//! in lock-step waits ([`OnFull`]). Replay and plot read a recording by
+//! [`read`].
 
-mod child;
-mod clerk;
 pub mod config;
+mod feeder;
 mod pipe;
-mod policies;
+mod policy_poller;
 pub mod read;
 mod recorder;
 pub mod schema;
 mod tap;
 mod translate;
+mod writer_process;
 
-pub use child::main as recorder;
-pub use policies::PolicyWatch;
-pub use recorder::{Notes, RecordError, Recorded, Recorder};
-pub use tap::{OnFull, Tap};
+pub use policy_poller::PolicyPoller;
+pub use recorder::{RecordError, RecordSink, RecordSummary, Recorder};
+pub use tap::{OnFull, RecordTap};
+pub use writer_process::main as writer_process;

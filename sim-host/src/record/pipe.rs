@@ -1,13 +1,12 @@
-//! What goes over the pipe from a run to its recorder: frames, each a message
-//! ready for the file.
+//! The frames on the pipe from a run to its writer process, each one message.
 //!
-//! | bytes | meaning |
+//! | bytes | content |
 //! |---|---|
-//! | 1 | [`Channel`] by its number, or [`FLUSH`] |
-//! | 8 | time, ns from 1970, little-endian |
+//! | 1 | number of the [`Channel`], or [`FLUSH`] |
+//! | 8 | log time, ns since 1970, little-endian |
 //! | 4 | number of the message in its channel, little-endian |
 //! | 4 | length of the message, little-endian |
-//! | so many | the message, protobuf |
+//! | length | the message, protobuf |
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::os::fd::AsFd;
@@ -17,35 +16,35 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::schema::{Channel, Recorded};
 
-/// A frame without a message: everything before it goes to the disk's file now.
+/// Channel number of a frame without a message; the writer then flushes its file.
 const FLUSH: u8 = 0xff;
-const HEAD: usize = 17;
-/// No message is longer: a policy is 1 MiB at most, a scenario far less.
-const MOST: usize = 1 << 24;
+const HEADER_LEN: usize = 17;
+/// Longest message accepted: a policy has 1 MiB at most, a scenario far less.
+const MAX_MESSAGE_LEN: usize = 1 << 24;
 
-/// Frames on their way.
+/// Frames to be sent.
 #[derive(Debug, Default)]
-pub(super) struct Frames {
+pub(super) struct FrameBuffer {
     bytes: Vec<u8>,
-    sent: [u32; Channel::ALL.len()],
+    next_sequence: [u32; Channel::ALL.len()],
 }
 
-impl Frames {
-    /// Adds a message.
+impl FrameBuffer {
+    /// Appends a message.
     pub(super) fn add<M: Recorded>(&mut self, log_time_ns: u64, message: &M) {
-        let sequence = &mut self.sent[M::CHANNEL as usize];
+        let sequence = &mut self.next_sequence[M::CHANNEL as usize];
         self.bytes.push(M::CHANNEL as u8);
         self.bytes.extend(log_time_ns.to_le_bytes());
         self.bytes.extend(sequence.to_le_bytes());
         self.bytes.extend((message.encoded_len() as u32).to_le_bytes());
-        message.encode(&mut self.bytes).expect("a vector takes any length");
+        message.encode(&mut self.bytes).expect("a vector grows as needed");
         *sequence = sequence.wrapping_add(1);
     }
 
-    /// Asks for what is on the way to be written out.
+    /// Appends a request to flush the file.
     pub(super) fn add_flush(&mut self) {
         self.bytes.push(FLUSH);
-        self.bytes.extend([0; HEAD - 1]);
+        self.bytes.extend([0; HEADER_LEN - 1]);
     }
 
     pub(super) fn len(&self) -> usize {
@@ -61,51 +60,51 @@ impl Frames {
     }
 }
 
-/// What comes out of the pipe.
+/// A received frame.
 #[derive(Debug)]
-pub(super) enum Incoming<'a> {
+pub(super) enum Frame<'a> {
     Message { channel: Channel, log_time_ns: u64, sequence: u32, message: &'a [u8] },
     Flush,
 }
 
-/// The next frame, its message in `buffer`; `None` where the pipe ends, be it
-/// in the middle of a frame.
+/// Reads the next frame, its message into `buffer`. Returns `None` at the end
+/// of the pipe, also if the last frame is incomplete.
 ///
 /// # Errors
-/// When the pipe breaks, or what comes is no frame.
+/// If the pipe fails, or the bytes are not a frame.
 pub(super) fn read<'a>(
     pipe: &mut impl Read,
     buffer: &'a mut Vec<u8>,
-) -> io::Result<Option<Incoming<'a>>> {
-    let mut head = [0; HEAD];
-    if !fill(pipe, &mut head)? {
+) -> io::Result<Option<Frame<'a>>> {
+    let mut header = [0; HEADER_LEN];
+    if !fill(pipe, &mut header)? {
         return Ok(None);
     }
-    let [number, rest @ ..] = head;
+    let [number, rest @ ..] = header;
     if number == FLUSH {
-        return Ok(Some(Incoming::Flush));
+        return Ok(Some(Frame::Flush));
     }
     let (time, rest) = rest.split_at(8);
     let (sequence, len) = rest.split_at(4);
-    let word = |bytes: &[u8]| bytes.iter().rev().fold(0, |word, byte| word << 8 | u64::from(*byte));
-    let len = word(len) as usize;
+    let integer = |bytes: &[u8]| bytes.iter().rev().fold(0, |n, byte| n << 8 | u64::from(*byte));
+    let len = integer(len) as usize;
     let channel = Channel::ALL.get(usize::from(number)).copied();
-    let (Some(channel), true) = (channel, len <= MOST) else {
-        return Err(io::Error::new(ErrorKind::InvalidData, "what comes is no frame"));
+    let (Some(channel), true) = (channel, len <= MAX_MESSAGE_LEN) else {
+        return Err(io::Error::new(ErrorKind::InvalidData, "the bytes are not a frame"));
     };
     buffer.resize(len, 0);
     if !fill(pipe, buffer)? {
         return Ok(None);
     }
-    Ok(Some(Incoming::Message {
+    Ok(Some(Frame::Message {
         channel,
-        log_time_ns: word(time),
-        sequence: word(sequence) as u32,
+        log_time_ns: integer(time),
+        sequence: integer(sequence) as u32,
         message: buffer,
     }))
 }
 
-/// Whether there was enough to fill the buffer.
+/// Fills the buffer; returns false if the pipe ends before.
 fn fill(pipe: &mut impl Read, buffer: &mut [u8]) -> io::Result<bool> {
     match pipe.read_exact(buffer) {
         Ok(()) => Ok(true),
@@ -114,15 +113,15 @@ fn fill(pipe: &mut impl Read, buffer: &mut [u8]) -> io::Result<bool> {
     }
 }
 
-/// Writes all of it, and waits for a reader that takes nothing for so long
-/// only; for a pipe that does not block.
+/// Writes all bytes to a non-blocking pipe. Fails if the reader takes nothing
+/// for `timeout`.
 ///
 /// # Errors
-/// [`ErrorKind::TimedOut`], or what the system says.
-pub(super) fn write_patiently(
+/// [`ErrorKind::TimedOut`], or the error of the system.
+pub(super) fn write_all(
     pipe: &mut (impl Write + AsFd),
     mut bytes: &[u8],
-    patience: Duration,
+    timeout: Duration,
 ) -> io::Result<()> {
     let mut since = Instant::now();
     while !bytes.is_empty() {
@@ -133,7 +132,7 @@ pub(super) fn write_patiently(
                 since = Instant::now();
             }
             Err(error) if error.kind() == ErrorKind::WouldBlock => {
-                let left = patience.saturating_sub(since.elapsed());
+                let left = timeout.saturating_sub(since.elapsed());
                 if left.is_zero() {
                     return Err(ErrorKind::TimedOut.into());
                 }
@@ -146,13 +145,13 @@ pub(super) fn write_patiently(
     Ok(())
 }
 
-/// Waits until the file is ready, or the time is over; whether it is ready.
+/// Waits until the file is ready; returns false after `timeout`.
 ///
 /// # Errors
-/// What the system says.
-pub(super) fn wait(file: &impl AsFd, flags: PollFlags, time: Duration) -> io::Result<bool> {
-    let time = Timespec::try_from(time).map_err(io::Error::other)?;
-    match poll(&mut [PollFd::new(file, flags)], Some(&time)) {
+/// The error of the system.
+pub(super) fn wait(file: &impl AsFd, flags: PollFlags, timeout: Duration) -> io::Result<bool> {
+    let timeout = Timespec::try_from(timeout).map_err(io::Error::other)?;
+    match poll(&mut [PollFd::new(file, flags)], Some(&timeout)) {
         Ok(ready) => Ok(ready > 0),
         Err(rustix::io::Errno::INTR) => Ok(false),
         Err(error) => Err(error.into()),
@@ -167,8 +166,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn frames_come_out_as_they_went_in_and_a_cut_one_not_at_all() {
-        let mut frames = Frames::default();
+    fn reads_the_frames_written_and_ignores_an_incomplete_one() {
+        let mut frames = FrameBuffer::default();
         let end = |ticks| End { ticks, ..End::default() };
         frames.add(7, &end(1));
         frames.add(u64::MAX, &Config { rate_hz: 9, ..Config::default() });
@@ -180,8 +179,8 @@ mod tests {
             let (mut pipe, mut buffer, mut all) = (bytes, Vec::new(), Vec::new());
             while let Some(frame) = read(&mut pipe, &mut buffer).unwrap() {
                 all.push(match frame {
-                    Incoming::Flush => None,
-                    Incoming::Message { channel, log_time_ns, sequence, message } => {
+                    Frame::Flush => None,
+                    Frame::Message { channel, log_time_ns, sequence, message } => {
                         Some((channel, log_time_ns, sequence, message.to_vec()))
                     }
                 });

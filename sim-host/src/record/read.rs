@@ -1,4 +1,4 @@
-//! Reading a recording back, also one that was cut off.
+//! Reads a recording, also one that was cut off.
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -7,100 +7,65 @@ use std::path::{Path, PathBuf};
 
 use mcap::records::Record;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use prost::Message;
 
-use super::schema::{
-    Apex, Channel, Command, Config, End, Event, Loop, PROFILE, Policy, Sample, State,
-};
+use super::schema::{AnyMessage, Channel, PROFILE};
 
-/// No chunk and no message is longer.
-const LONGEST: usize = 1 << 27;
-/// Read from the file at once, at least.
-const BUFFER: usize = 1 << 18;
+/// Longest chunk or message accepted, bytes.
+const MAX_RECORD_LEN: usize = 1 << 27;
+/// Bytes read from the file at once, at least.
+const BUFFER_LEN: usize = 1 << 18;
 
-/// Why a file is no recording to read.
+/// Why a file cannot be read as a recording.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReadError {
-    /// It cannot be read.
+    /// Opening or reading the file failed.
     #[error("cannot read the recording {}: {cause}", path.display())]
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The error of the system.
         cause: io::Error,
     },
-    /// It is no MCAP file.
+    /// The file is not an MCAP file.
     #[error("{} is not an MCAP file", .0.display())]
     NotMcap(PathBuf),
-    /// It is an MCAP file of something else.
+    /// The file is an MCAP file with another profile.
     #[error(
-        "{} is an MCAP file, but not of this leg: its profile is `{profile}`, not `{PROFILE}`; `sim-host run --record FILE` makes one",
+        "{} is an MCAP file, but not a recording of this leg: its profile is `{profile}`, not `{PROFILE}`",
         path.display()
     )]
     NotOurs {
         /// The file.
         path: PathBuf,
-        /// What it says it is.
+        /// The profile.
         profile: String,
     },
-    /// It is compressed, which is not read here.
-    #[error("{} is compressed ({how}); `mcap decompress` makes a file that can be read here", path.display())]
+    /// The file is compressed, which this reader does not support.
+    #[error("{} is compressed ({compression}), which is not supported; `mcap decompress` converts it", path.display())]
     Compressed {
         /// The file.
         path: PathBuf,
-        /// How.
-        how: String,
+        /// Name of the compression.
+        compression: String,
     },
-    /// It has not what every recording begins with.
-    #[error("{}: no {what} in it; the recording was cut off before it began", path.display())]
+    /// The recording lacks what every recording begins with.
+    #[error("{}: the recording was cut off before its first {what}", path.display())]
     Empty {
         /// The file.
         path: PathBuf,
-        /// What is missing.
+        /// The missing part.
         what: &'static str,
     },
 }
 
-/// A message of a recording.
-#[derive(Clone, Debug, PartialEq)]
-#[allow(missing_docs, reason = "each is the message of its name")]
-pub enum Entry {
-    Sample(Sample),
-    Command(Command),
-    State(State),
-    Apex(Apex),
-    Event(Event),
-    Policy(Policy),
-    Config(Config),
-    Loop(Loop),
-    End(End),
-}
-
-impl Entry {
-    fn parse(channel: Channel, message: &[u8]) -> Result<Self, prost::DecodeError> {
-        Ok(match channel {
-            Channel::Sample => Self::Sample(Sample::decode(message)?),
-            Channel::Command => Self::Command(Command::decode(message)?),
-            Channel::State => Self::State(State::decode(message)?),
-            Channel::Apex => Self::Apex(Apex::decode(message)?),
-            Channel::Event => Self::Event(Event::decode(message)?),
-            Channel::Policy => Self::Policy(Policy::decode(message)?),
-            Channel::Config => Self::Config(Config::decode(message)?),
-            Channel::Loop => Self::Loop(Loop::decode(message)?),
-            Channel::End => Self::End(End::decode(message)?),
-        })
-    }
-}
-
-/// Reads a recording from its beginning, chunk by chunk, each only when its
-/// checksum is right.
+/// Reads a recording chunk by chunk and verifies the checksum of each.
 pub struct Reader {
     path: PathBuf,
     file: File,
     mcap: LinearReader,
     channels: HashMap<u16, Channel>,
-    /// Whether the end that a finished file has was seen.
+    /// The end record of a complete file was read.
     finished: bool,
     flaw: Option<String>,
 }
@@ -109,13 +74,13 @@ impl Reader {
     /// Opens a recording.
     ///
     /// # Errors
-    /// [`ReadError`] when it is none.
+    /// [`ReadError`] if the file is not a recording.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
         let file =
             File::open(path).map_err(|cause| ReadError::Io { path: path.to_owned(), cause })?;
         let options = LinearReaderOptions::default()
             .with_prevalidate_chunk_crcs(true)
-            .with_record_length_limit(LONGEST);
+            .with_record_length_limit(MAX_RECORD_LEN);
         let mut reader = Self {
             path: path.to_owned(),
             file,
@@ -131,22 +96,23 @@ impl Reader {
         }
     }
 
-    /// The next message; `None` at the end, be it the file's own or where it
-    /// was cut off.
+    /// Returns the next message; `None` at the end of the file, or where it was
+    /// cut off.
     ///
     /// # Errors
-    /// [`ReadError`] when the file cannot be read on.
-    pub fn next_entry(&mut self) -> Result<Option<Entry>, ReadError> {
+    /// [`ReadError`] if reading fails.
+    pub fn next_message(&mut self) -> Result<Option<AnyMessage>, ReadError> {
         loop {
             match self.step()? {
-                Step::Entry(entry) => return Ok(Some(*entry)),
+                Step::Message(message) => return Ok(Some(*message)),
                 Step::Header(_) | Step::Other => (),
                 Step::End => return Ok(None),
             }
         }
     }
 
-    /// After the end: what was wrong with the file, in words for the user.
+    /// Returns a description of what was wrong with the file, for the user. It
+    /// is complete only after the last message.
     #[must_use]
     pub fn warning(&self) -> Option<String> {
         let what = match &self.flaw {
@@ -155,7 +121,7 @@ impl Reader {
             None => "it is cut off".to_owned(),
         };
         Some(format!(
-            "{}: {what}; read up to the last whole chunk before that",
+            "{}: {what}; it was read up to the last complete chunk before that",
             self.path.display()
         ))
     }
@@ -169,7 +135,7 @@ impl Reader {
             let step = match self.mcap.next_event() {
                 None | Some(Err(mcap::McapError::UnexpectedEof)) => return Ok(Step::End),
                 Some(Ok(LinearReadEvent::ReadRequest(least))) => {
-                    let space = self.mcap.insert(least.max(BUFFER));
+                    let space = self.mcap.insert(least.max(BUFFER_LEN));
                     let read = self.file.read(space).map_err(io)?;
                     self.mcap.notify_read(read);
                     continue;
@@ -180,8 +146,9 @@ impl Reader {
                         Err(error) => Err(error.to_string()),
                     }
                 }
-                Some(Err(mcap::McapError::UnsupportedCompression(how))) => {
-                    return Err(ReadError::Compressed { path: self.path.clone(), how });
+                Some(Err(mcap::McapError::UnsupportedCompression(compression))) => {
+                    let path = self.path.clone();
+                    return Err(ReadError::Compressed { path, compression });
                 }
                 Some(Err(error)) => Err(error.to_string()),
             };
@@ -196,7 +163,7 @@ impl Reader {
 
 enum Step {
     Header(String),
-    Entry(Box<Entry>),
+    Message(Box<AnyMessage>),
     Other,
     End,
 }
@@ -206,16 +173,16 @@ fn step(record: &Record<'_>, channels: &mut HashMap<u16, Channel>) -> Result<Ste
         Record::Header(header) => return Ok(Step::Header(header.profile.clone())),
         Record::Channel(found) => {
             let ours = Channel::ALL.into_iter().find(|ours| found.topic == ours.topic());
-            // What somebody else has added is none of ours.
+            // Channels that other programs added are ignored.
             if let Some(ours) = ours.filter(|_| found.message_encoding == "protobuf") {
                 channels.insert(found.id, ours);
             }
         }
         Record::Message { header, data } => {
             if let Some(channel) = channels.get(&header.channel_id) {
-                let entry = Entry::parse(*channel, data)
+                let message = AnyMessage::decode(*channel, data)
                     .map_err(|error| format!("{}: {error}", channel.topic()))?;
-                return Ok(Step::Entry(Box::new(entry)));
+                return Ok(Step::Message(Box::new(message)));
             }
         }
         Record::DataEnd(_) => return Ok(Step::End),

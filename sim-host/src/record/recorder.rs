@@ -11,84 +11,84 @@ use std::time::{Duration, Instant};
 
 use rustix::event::PollFlags;
 
-use super::child::{DONE, FAILED, READY, part};
-use super::clerk::{Clerk, Note, Pipe};
-use super::pipe::{self, Frames};
+use super::feeder::{Feeder, PipeWriter, SideMessage};
+use super::pipe::{self, FrameBuffer};
 use super::schema::{Config, End, Loop, Policy};
-use super::tap::{OnFull, RING, Shared, Tap};
+use super::tap::{OnFull, RING_CAPACITY, RecordTap, RingState};
 use super::translate::Translator;
+use super::writer_process::{DONE, FAILED, READY, part};
 
-/// How long a recorder may take to begin.
-const BEGIN: Duration = Duration::from_secs(10);
-/// How long it may take to finish its file: a large one goes to a slow disk.
-const FINISH: Duration = Duration::from_mins(1);
+/// Time that a writer process may take to start.
+const START_TIMEOUT: Duration = Duration::from_secs(10);
+/// Time that it may take to finish its file: a large one on a slow disk.
+const FINISH_TIMEOUT: Duration = Duration::from_mins(1);
 
-/// Why there is no recording, or not a whole one.
+/// Why there is no recording, or only part of one.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RecordError {
-    /// The file cannot be begun.
-    #[error("cannot record to {}: {what}", path.display())]
+    /// The file cannot be created, or the writer process not started.
+    #[error("cannot record to {}: {cause}", path.display())]
     Begin {
         /// The file.
         path: PathBuf,
-        /// Why.
-        what: String,
+        /// The cause.
+        cause: String,
     },
-    /// The recorder broke off.
+    /// The writer process failed or was lost.
     #[error(
-        "the recording broke off: {what}; what there is of it is in {}, which replay and plot read too",
+        "the recording broke off: {cause}; its beginning is in {}, which replay and plot can read",
         part.display()
     )]
     BrokeOff {
-        /// Where its beginning is.
+        /// The incomplete file.
         part: PathBuf,
-        /// Why.
-        what: String,
+        /// The cause.
+        cause: String,
     },
 }
 
-/// A recording that is finished.
+/// Counts of a finished recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Recorded {
+pub struct RecordSummary {
     /// Messages in the file.
     pub messages: u64,
-    /// Ticks and events that there was no room for.
+    /// Ticks and events dropped because the ring was full.
     pub dropped: u64,
 }
 
-/// A recording under way. Dropped before it is finished, it leaves a whole file
-/// too, only without what the run came to.
+/// A recording in progress. If it is dropped before [`Recorder::finish`], the
+/// file is complete but has no [`End`].
 #[derive(Debug)]
 pub struct Recorder {
     path: PathBuf,
-    child: Child,
-    answers: ChildStdout,
-    clerk: Option<JoinHandle<io::Result<()>>>,
-    notes: Sender<Note>,
+    writer: Child,
+    reports: ChildStdout,
+    feeder: Option<JoinHandle<io::Result<()>>>,
+    side: Sender<SideMessage>,
     finish: Arc<AtomicBool>,
-    shared: Arc<Shared>,
+    state: Arc<RingState>,
 }
 
-/// Where to say what is recorded beside the ticks; not for the loop, for it
-/// allocates.
+/// Records what does not come from the ring. It allocates, so the loop itself
+/// must not use it.
 #[derive(Clone, Debug)]
-pub struct Notes(Sender<Note>);
+pub struct RecordSink(Sender<SideMessage>);
 
-impl Notes {
-    /// A policy acts from a tick on.
+impl RecordSink {
+    /// Records a policy that the controller received.
     pub fn policy(&self, policy: Policy) {
-        let _ = self.0.send(Note::Policy(policy));
+        let _ = self.0.send(SideMessage::Policy(policy));
     }
 
-    /// How a tick of the loop kept time.
-    pub fn loop_row(&self, row: Loop) {
-        let _ = self.0.send(Note::Loop(row));
+    /// Records the timing of a tick.
+    pub fn timing(&self, timing: Loop) {
+        let _ = self.0.send(SideMessage::Loop(timing));
     }
 }
 
 impl Recorder {
-    /// Begins a recording at `path`, and the process that writes it.
+    /// Starts a recording to `path` and the process that writes it.
     ///
     /// # Errors
     /// [`RecordError::Begin`].
@@ -96,121 +96,125 @@ impl Recorder {
         path: &Path,
         config: &Config,
         on_full: OnFull,
-    ) -> Result<(Self, Tap), RecordError> {
-        let failed = |what: String| RecordError::Begin { path: path.to_owned(), what };
-        let program = std::env::current_exe().map_err(|error| failed(error.to_string()))?;
-        Self::begin_by(&program, path, config, on_full)
+    ) -> Result<(Self, RecordTap), RecordError> {
+        let program = std::env::current_exe().map_err(|error| RecordError::Begin {
+            path: path.to_owned(),
+            cause: error.to_string(),
+        })?;
+        Self::begin_with(&program, path, config, on_full)
     }
 
-    /// As [`Recorder::begin`], by a `sim-host` at a given place.
+    /// Like [`Recorder::begin`], with the path of the `sim-host` program.
     ///
     /// # Errors
     /// [`RecordError::Begin`].
-    pub fn begin_by(
+    pub fn begin_with(
         program: &Path,
         path: &Path,
         config: &Config,
         on_full: OnFull,
-    ) -> Result<(Self, Tap), RecordError> {
-        let failed = |what: String| RecordError::Begin { path: path.to_owned(), what };
-        let broken = |error: io::Error| failed(error.to_string());
+    ) -> Result<(Self, RecordTap), RecordError> {
+        let failed = |cause: String| RecordError::Begin { path: path.to_owned(), cause };
+        let io_failed = |error: io::Error| failed(error.to_string());
         if path.exists() && !path.is_file() {
-            return Err(failed("it is there and is not a file".to_owned()));
+            return Err(failed("it exists and is not a file".to_owned()));
         }
-        let mut child = Command::new(program)
+        let mut writer = Command::new(program)
             .arg("recorder")
             .arg(path)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .spawn()
-            .map_err(broken)?;
-        let (Some(to), Some(mut answers)) = (child.stdin.take(), child.stdout.take()) else {
-            unreachable!("both were asked for");
+            .map_err(io_failed)?;
+        let (Some(pipe), Some(mut reports)) = (writer.stdin.take(), writer.stdout.take()) else {
+            unreachable!("both are piped");
         };
-        match answer(&mut answers, BEGIN).map_err(broken)?.as_str() {
+        match next_line(&mut reports, START_TIMEOUT).map_err(io_failed)?.as_str() {
             READY => (),
-            said => {
-                let _ = child.wait();
-                return Err(failed(said.strip_prefix(FAILED).unwrap_or("it ended").to_owned()));
+            line => {
+                let _ = writer.wait();
+                return Err(failed(line.strip_prefix(FAILED).unwrap_or("it ended").to_owned()));
             }
         }
-        let nonblocking = rustix::fs::fcntl_getfl(&to)
-            .and_then(|flags| rustix::fs::fcntl_setfl(&to, flags | rustix::fs::OFlags::NONBLOCK));
-        nonblocking.map_err(|error| broken(error.into()))?;
+        let nonblocking = rustix::fs::fcntl_getfl(&pipe)
+            .and_then(|flags| rustix::fs::fcntl_setfl(&pipe, flags | rustix::fs::OFlags::NONBLOCK));
+        nonblocking.map_err(|error| io_failed(error.into()))?;
 
-        let (tap, ring, shared) = Tap::new(RING, on_full);
-        let (notes, inbox) = mpsc::channel();
+        let (tap, ring, state) = RecordTap::new(RING_CAPACITY, on_full);
+        let (side, side_receiver) = mpsc::channel();
         let finish = Arc::new(AtomicBool::new(false));
-        let words =
-            format!("the run goes on without it; its beginning is in {}", part(path).display());
-        let mut pipe = Pipe::new(to, words);
-        let mut frames = Frames::default();
+        let consequence = format!(
+            "the run continues without it; the beginning is in {}",
+            part(path).display()
+        );
+        let mut pipe = PipeWriter::new(pipe, consequence);
+        let mut frames = FrameBuffer::default();
         frames.add(config.started_unix_ns, config);
         pipe.send(&mut frames);
-        let clerk = Clerk {
+        let feeder = Feeder {
             ring,
-            notes: inbox,
-            shared: Arc::clone(&shared),
+            side: side_receiver,
+            state: Arc::clone(&state),
             finish: Arc::clone(&finish),
             pipe,
             translator: Translator::new(config.started_unix_ns, config.rate_hz),
         };
-        let clerk = std::thread::Builder::new()
+        let feeder = std::thread::Builder::new()
             .name("record".to_owned())
-            .spawn(|| clerk.run())
-            .map_err(broken)?;
+            .spawn(|| feeder.run())
+            .map_err(io_failed)?;
         let path = path.to_owned();
-        Ok((Self { path, child, answers, clerk: Some(clerk), notes, finish, shared }, tap))
+        Ok((Self { path, writer, reports, feeder: Some(feeder), side, finish, state }, tap))
     }
 
-    /// Where to say more than ticks.
+    /// Returns a sink for what does not come from the ring.
     #[must_use]
-    pub fn notes(&self) -> Notes {
-        Notes(self.notes.clone())
+    pub fn sink(&self) -> RecordSink {
+        RecordSink(self.side.clone())
     }
 
-    /// Finishes the file, with what the run came to; all ticks must have been
+    /// Completes the file with the result of the run. All ticks must have been
     /// pushed.
     ///
     /// # Errors
     /// [`RecordError::BrokeOff`].
-    pub fn finish(mut self, end: End) -> Result<Recorded, RecordError> {
-        let _ = self.notes.send(Note::End(end));
+    pub fn finish(mut self, end: End) -> Result<RecordSummary, RecordError> {
+        let _ = self.side.send(SideMessage::End(end));
         self.close()
     }
 
-    fn close(&mut self) -> Result<Recorded, RecordError> {
+    fn close(&mut self) -> Result<RecordSummary, RecordError> {
         let part = part(&self.path);
-        let broke_off = |what| RecordError::BrokeOff { part, what };
+        let broke_off = |cause| RecordError::BrokeOff { part, cause };
         self.finish.store(true, Ordering::Release);
-        let passed_on = match self.clerk.take().map(JoinHandle::join) {
-            Some(Ok(outcome)) => outcome,
+        let fed = match self.feeder.take().map(JoinHandle::join) {
+            Some(Ok(result)) => result,
             Some(Err(_)) => Err(io::Error::other("the thread that feeds it panicked")),
-            None => return Ok(Recorded { messages: 0, dropped: 0 }),
+            None => return Ok(RecordSummary { messages: 0, dropped: 0 }),
         };
-        if let Err(error) = &passed_on
+        if let Err(error) = &fed
             && error.kind() == io::ErrorKind::TimedOut
         {
-            // It is stopped: not waited for, it finishes the file when it goes on.
+            // The writer is stopped. When it continues, it completes the file by itself.
             return Err(broke_off("the recorder is stopped".to_owned()));
         }
-        let said = answer(&mut self.answers, FINISH);
-        match (passed_on, said) {
-            (Ok(()), Ok(said)) => {
-                let _ = self.child.wait();
-                match said.strip_prefix(DONE).and_then(|messages| messages.parse().ok()) {
-                    Some(messages) => Ok(Recorded { messages, dropped: self.shared.dropped() }),
-                    None => Err(broke_off(reason(&said))),
+        let line = next_line(&mut self.reports, FINISH_TIMEOUT);
+        match (fed, line) {
+            (Ok(()), Ok(line)) => {
+                let _ = self.writer.wait();
+                match line.strip_prefix(DONE).and_then(|messages| messages.parse().ok()) {
+                    Some(messages) => Ok(RecordSummary { messages, dropped: self.state.dropped() }),
+                    None => Err(broke_off(reason(&line))),
                 }
             }
-            (Err(error), Ok(said)) if said.is_empty() => {
-                let _ = self.child.wait();
+            (Err(error), Ok(line)) if line.is_empty() => {
+                let _ = self.writer.wait();
                 Err(broke_off(format!("the recorder was ended ({error})")))
             }
-            (Err(_), Ok(said)) => {
-                let _ = self.child.wait();
-                Err(broke_off(reason(&said)))
+            (Err(_), Ok(line)) => {
+                let _ = self.writer.wait();
+                Err(broke_off(reason(&line)))
             }
             (_, Err(error)) => Err(broke_off(error.to_string())),
         }
@@ -223,25 +227,25 @@ impl Drop for Recorder {
     }
 }
 
-fn reason(said: &str) -> String {
-    said.strip_prefix(FAILED).unwrap_or("the recorder was ended").to_owned()
+fn reason(line: &str) -> String {
+    line.strip_prefix(FAILED).unwrap_or("the recorder was ended").to_owned()
 }
 
-/// The next line that the recorder says; empty when it has ended without one.
-fn answer(from: &mut ChildStdout, patience: Duration) -> io::Result<String> {
-    let deadline = Instant::now() + patience;
+/// Reads the writer's next line; empty if it ended without one.
+fn next_line(reports: &mut ChildStdout, timeout: Duration) -> io::Result<String> {
+    let deadline = Instant::now() + timeout;
     let mut line = Vec::new();
     let mut byte = [0];
     loop {
         let left = deadline.saturating_duration_since(Instant::now());
         if left.is_zero() {
-            let what = format!("the recorder has said nothing for {} s", patience.as_secs());
-            return Err(io::Error::new(io::ErrorKind::TimedOut, what));
+            let message = format!("the recorder has not responded for {} s", timeout.as_secs());
+            return Err(io::Error::new(io::ErrorKind::TimedOut, message));
         }
-        if !pipe::wait(from, PollFlags::IN, left)? {
+        if !pipe::wait(reports, PollFlags::IN, left)? {
             continue;
         }
-        match from.read(&mut byte)? {
+        match reports.read(&mut byte)? {
             1 if byte != *b"\n" => line.extend(byte),
             _ => return Ok(String::from_utf8_lossy(&line).into_owned()),
         }

@@ -10,26 +10,26 @@ use rtrb::{Consumer, Producer, RingBuffer};
 use crate::session::TickRecord;
 use leg_plant::{Body, Event, Phase};
 
-/// Ticks and events between the loop and the thread that writes them out: a
-/// minute at 1 kHz, three seconds at 20 kHz; some 13 MB.
-pub(super) const RING: usize = 1 << 16;
+/// Capacity of the ring in ticks and events: a minute at 1 kHz, three seconds at
+/// 20 kHz, about 13 MB.
+pub(super) const RING_CAPACITY: usize = 1 << 16;
 
-/// Between two looks whether a full ring has room again.
-const LOOK: Duration = Duration::from_micros(50);
+/// Time between two checks whether a full ring has room again.
+const POLL_INTERVAL: Duration = Duration::from_micros(50);
 
-/// What the loop does when the ring is full.
+/// Behaviour of the loop when the ring is full.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OnFull {
-    /// Waits. For lock-step, where time waits too and the recording is to be
-    /// complete: the run is the same, bit for bit, only longer.
+    /// Waits for room. For lock-step, where simulated time waits too: the run
+    /// takes longer, but its results and its recording are the same.
     Wait,
-    /// Goes on, and the row is lost and counted. For real time.
+    /// Drops the record and counts it. For real time.
     Drop,
 }
 
-/// A tick, as the ring holds it.
+/// A copy of a tick.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct TickRow {
+pub(super) struct TickCopy {
     pub(super) seq: u64,
     pub(super) t_s: f64,
     pub(super) body: Body,
@@ -41,22 +41,22 @@ pub(super) struct TickRow {
     pub(super) round_trip: Duration,
 }
 
-/// What is in the ring. Events follow their tick.
+/// An entry of the ring. The events of a tick follow it.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Row {
-    Tick(TickRow),
+pub(super) enum RingEntry {
+    Tick(TickCopy),
     Event(Event),
 }
 
-/// What the two ends of the ring tell each other beside it.
+/// State that both ends of the ring share.
 #[derive(Debug, Default)]
-pub(super) struct Shared {
+pub(super) struct RingState {
     dropped: AtomicU64,
-    /// The reader takes no more.
+    /// The reader takes no more entries.
     closed: AtomicBool,
 }
 
-impl Shared {
+impl RingState {
     pub(super) fn dropped(&self) -> u64 {
         self.dropped.load(Ordering::Relaxed)
     }
@@ -70,35 +70,38 @@ impl Shared {
     }
 }
 
-/// Takes ticks in. It never allocates and calls nothing of the system, but
-/// that with [`OnFull::Wait`] it sleeps while the ring is full.
+/// Copies ticks into the ring. It never allocates and makes no system call,
+/// except that it sleeps while the ring is full under [`OnFull::Wait`].
 #[derive(Debug)]
-pub struct Tap {
-    ring: Producer<Row>,
-    shared: Arc<Shared>,
+pub struct RecordTap {
+    ring: Producer<RingEntry>,
+    state: Arc<RingState>,
     on_full: OnFull,
 }
 
-impl Tap {
-    pub(super) fn new(rows: usize, on_full: OnFull) -> (Self, Consumer<Row>, Arc<Shared>) {
-        let (mut ring, mut reader) = RingBuffer::new(rows);
-        // Once through all of its memory, so that no page of it is new to the loop.
-        let blank = Row::Event(Event {
+impl RecordTap {
+    pub(super) fn new(
+        capacity: usize,
+        on_full: OnFull,
+    ) -> (Self, Consumer<RingEntry>, Arc<RingState>) {
+        let (mut ring, mut reader) = RingBuffer::new(capacity);
+        // Touches every page once, so that the loop causes no page fault.
+        let blank = RingEntry::Event(Event {
             kind: leg_plant::EventKind::Fall,
             t_s: 0.0,
             body: Body { x_m: 0.0, vx_m_s: 0.0, y_m: 0.0, vy_m_s: 0.0 },
         });
-        for _ in 0..rows {
+        for _ in 0..capacity {
             let _ = ring.push(blank);
         }
         while reader.pop().is_ok() {}
-        let shared = Arc::new(Shared::default());
-        (Self { ring, shared: Arc::clone(&shared), on_full }, reader, shared)
+        let state = Arc::new(RingState::default());
+        (Self { ring, state: Arc::clone(&state), on_full }, reader, state)
     }
 
-    /// Takes in a tick and what happened in it.
+    /// Copies a tick and its events.
     pub fn push(&mut self, tick: &TickRecord<'_>) {
-        let row = TickRow {
+        let copy = TickCopy {
             seq: tick.seq,
             t_s: tick.t_s,
             body: tick.body,
@@ -109,29 +112,29 @@ impl Tap {
             is_new: tick.is_new,
             round_trip: tick.round_trip,
         };
-        // Without its tick an event has no place in time.
-        if self.row(Row::Tick(row)) {
+        // The time of an event is relative to its tick, so it is useless without.
+        if self.push_entry(RingEntry::Tick(copy)) {
             for event in tick.events.iter() {
-                self.row(Row::Event(*event));
+                self.push_entry(RingEntry::Event(*event));
             }
         }
     }
 
-    /// Rows that there was no room for.
+    /// Returns the number of entries dropped because the ring was full.
     #[must_use]
     pub fn dropped(&self) -> u64 {
-        self.shared.dropped()
+        self.state.dropped()
     }
 
-    fn row(&mut self, row: Row) -> bool {
-        while self.ring.is_full() && self.on_full == OnFull::Wait && !self.shared.is_closed() {
-            std::thread::sleep(LOOK);
+    fn push_entry(&mut self, entry: RingEntry) -> bool {
+        while self.ring.is_full() && self.on_full == OnFull::Wait && !self.state.is_closed() {
+            std::thread::sleep(POLL_INTERVAL);
         }
-        let taken = self.ring.push(row).is_ok();
-        if !taken {
-            self.shared.dropped.fetch_add(1, Ordering::Relaxed);
+        let pushed = self.ring.push(entry).is_ok();
+        if !pushed {
+            self.state.dropped.fetch_add(1, Ordering::Relaxed);
         }
-        taken
+        pushed
     }
 }
 
@@ -140,7 +143,7 @@ mod tests {
     use super::*;
     use leg_plant::{EventKind, Medium, TickEvents};
 
-    fn push(tap: &mut Tap, seq: u64) {
+    fn push(tap: &mut RecordTap, seq: u64) {
         let body = Body { x_m: 0.0, vx_m_s: 0.0, y_m: 1.0, vy_m_s: 0.0 };
         tap.push(&TickRecord {
             seq,
@@ -158,42 +161,42 @@ mod tests {
         });
     }
 
-    fn seqs(ring: &mut Consumer<Row>) -> Vec<u64> {
+    fn drain(ring: &mut Consumer<RingEntry>) -> Vec<u64> {
         let mut all = Vec::new();
-        while let Ok(row) = ring.pop() {
-            match row {
-                Row::Tick(tick) => all.push(tick.seq),
-                Row::Event(event) => assert_eq!(event.kind, EventKind::Apex),
+        while let Ok(entry) = ring.pop() {
+            match entry {
+                RingEntry::Tick(tick) => all.push(tick.seq),
+                RingEntry::Event(event) => assert_eq!(event.kind, EventKind::Apex),
             }
         }
         all
     }
 
     #[test]
-    fn a_full_ring_drops_and_counts() {
-        let (mut tap, mut ring, shared) = Tap::new(4, OnFull::Drop);
-        assert!(seqs(&mut ring).is_empty(), "what warmed it up is gone");
+    fn drops_and_counts_entries_when_the_ring_is_full() {
+        let (mut tap, mut ring, state) = RecordTap::new(4, OnFull::Drop);
+        assert!(drain(&mut ring).is_empty(), "the entries that warmed the ring up are gone");
         (0..6).for_each(|seq| push(&mut tap, seq));
-        assert_eq!((shared.dropped(), tap.dropped()), (2, 2));
-        assert_eq!(seqs(&mut ring), [0, 1, 2, 3]);
+        assert_eq!((state.dropped(), tap.dropped()), (2, 2));
+        assert_eq!(drain(&mut ring), [0, 1, 2, 3]);
         push(&mut tap, 6);
-        assert_eq!((seqs(&mut ring), shared.dropped()), (vec![6], 2));
+        assert_eq!((drain(&mut ring), state.dropped()), (vec![6], 2));
     }
 
     #[test]
-    fn a_full_ring_is_waited_for_while_somebody_reads() {
-        let (mut tap, mut ring, shared) = Tap::new(4, OnFull::Wait);
+    fn waits_for_room_until_the_reader_closes() {
+        let (mut tap, mut ring, state) = RecordTap::new(4, OnFull::Wait);
         let read = std::thread::scope(|scope| {
             scope.spawn(|| (0..100).for_each(|seq| push(&mut tap, seq)));
             let mut read = Vec::new();
             while read.len() < 100 {
-                read.extend(seqs(&mut ring));
+                read.extend(drain(&mut ring));
             }
             read
         });
-        assert_eq!((read, shared.dropped()), ((0..100).collect(), 0));
-        shared.close();
+        assert_eq!((read, state.dropped()), ((0..100).collect(), 0));
+        state.close();
         (0..6).for_each(|seq| push(&mut tap, seq));
-        assert_eq!(shared.dropped(), 2, "nobody reads any more: nothing to wait for");
+        assert_eq!(state.dropped(), 2, "without a reader it does not wait");
     }
 }

@@ -1,58 +1,58 @@
-//! From what a tick left behind to the messages of a recording.
+//! Converts ticks and events to the messages of a recording.
 
-use super::pipe::Frames;
+use super::pipe::FrameBuffer;
 use super::schema::{Apex, Command, Event, EventKind, Loop, Phase, Policy, Sample, State};
-use super::tap::{Row, TickRow};
+use super::tap::{RingEntry, TickCopy};
 
-/// Turns rows into messages, in their order.
+/// Converts the entries of the ring to messages, in their order.
 #[derive(Debug)]
 pub(super) struct Translator {
-    /// Wall clock at simulated time 0, ns from 1970.
+    /// Wall clock at simulated time 0, ns since 1970.
     started_unix_ns: u64,
     rate_hz: u32,
-    /// Simulated time of the runs before this one, when the leg was put back to
-    /// its start, s.
-    before_s: f64,
-    /// The tick of the events that come now.
-    tick: Option<TickRow>,
+    /// Simulated duration of the earlier runs, when the leg was put back to its
+    /// start, s.
+    earlier_runs_s: f64,
+    /// The tick of the events that follow.
+    tick: Option<TickCopy>,
     /// An apex that the controller has not answered yet.
-    open: Option<Apex>,
+    unanswered: Option<Apex>,
 }
 
 impl Translator {
     pub(super) fn new(started_unix_ns: u64, rate_hz: u32) -> Self {
-        Self { started_unix_ns, rate_hz, before_s: 0.0, tick: None, open: None }
+        Self { started_unix_ns, rate_hz, earlier_runs_s: 0.0, tick: None, unanswered: None }
     }
 
-    /// When something is said to have been recorded, ns from 1970.
+    /// Converts simulated time to the log time of a message, ns since 1970.
     fn log_time_ns(&self, t_s: f64) -> u64 {
         self.started_unix_ns + (1e9 * t_s).round() as u64
     }
 
     fn tick_time_ns(&self, seq: u64) -> u64 {
-        self.log_time_ns(self.before_s + seq as f64 / f64::from(self.rate_hz.max(1)))
+        self.log_time_ns(self.earlier_runs_s + seq as f64 / f64::from(self.rate_hz.max(1)))
     }
 
-    /// Adds what a row says.
-    pub(super) fn row(&mut self, row: &Row, frames: &mut Frames) {
-        match row {
-            Row::Tick(tick) => self.tick(tick, frames),
-            Row::Event(event) => self.event(event, frames),
+    /// Adds the messages of an entry.
+    pub(super) fn add(&mut self, entry: &RingEntry, frames: &mut FrameBuffer) {
+        match entry {
+            RingEntry::Tick(tick) => self.tick(tick, frames),
+            RingEntry::Event(event) => self.event(event, frames),
         }
     }
 
-    fn tick(&mut self, tick: &TickRow, frames: &mut Frames) {
-        let TickRow { seq, body, sample, command, .. } = tick;
+    fn tick(&mut self, tick: &TickCopy, frames: &mut FrameBuffer) {
+        let TickCopy { seq, body, sample, command, .. } = tick;
         if let Some(last) = self.tick
             && last.sample.header.run_id != sample.header.run_id
         {
             self.close_apex(false, &last.command, frames);
-            self.before_s += last.t_s + 1.0 / f64::from(self.rate_hz.max(1));
+            self.earlier_runs_s += last.t_s + 1.0 / f64::from(self.rate_hz.max(1));
         }
-        let time_ns = self.log_time_ns(self.before_s + tick.t_s);
+        let time_ns = self.log_time_ns(self.earlier_runs_s + tick.t_s);
         let round_trip_ns = tick.round_trip.as_nanos() as u64;
         frames.add(time_ns, &Sample::from(sample));
-        frames.add(time_ns, &Command::over(*seq, command, tick.is_new, round_trip_ns));
+        frames.add(time_ns, &Command::in_force(*seq, command, tick.is_new, round_trip_ns));
         let (phase, foot_x_m, foot_y_m) = match tick.phase {
             leg_plant::Phase::Flight => (Phase::Flight, 0.0, 0.0),
             leg_plant::Phase::Stance { foot_x_m, foot_y_m } => (Phase::Stance, foot_x_m, foot_y_m),
@@ -80,9 +80,9 @@ impl Translator {
         self.tick = Some(*tick);
     }
 
-    fn event(&mut self, event: &leg_plant::Event, frames: &mut Frames) {
+    fn event(&mut self, event: &leg_plant::Event, frames: &mut FrameBuffer) {
         let Some(tick) = self.tick else { return };
-        let t_s = self.before_s + tick.t_s + event.t_s;
+        let t_s = self.earlier_runs_s + tick.t_s + event.t_s;
         let leg_plant::Body { x_m, vx_m_s, y_m, vy_m_s } = event.body;
         let (kind, foot_x_m, foot_y_m) = match event.kind {
             leg_plant::EventKind::Touchdown { foot_x_m, foot_y_m } => {
@@ -92,7 +92,7 @@ impl Translator {
             leg_plant::EventKind::Fall => (EventKind::Fall, 0.0, 0.0),
             leg_plant::EventKind::Apex => {
                 self.close_apex(false, &tick.command, frames);
-                self.open = Some(Apex {
+                self.unanswered = Some(Apex {
                     seq: tick.seq,
                     t_s,
                     x_m,
@@ -115,9 +115,9 @@ impl Translator {
         &mut self,
         answered: bool,
         command: &leg_control::wire::Command,
-        frames: &mut Frames,
+        frames: &mut FrameBuffer,
     ) {
-        if let Some(apex) = self.open.take() {
+        if let Some(apex) = self.unanswered.take() {
             let apex = Apex {
                 answered,
                 density_estimate: command.density_ratio.into(),
@@ -129,20 +129,21 @@ impl Translator {
         }
     }
 
-    /// Adds a policy at the tick from which it acts.
-    pub(super) fn policy(&self, policy: &Policy, frames: &mut Frames) {
+    /// Adds a policy at the tick before which the controller received it.
+    pub(super) fn policy(&self, policy: &Policy, frames: &mut FrameBuffer) {
         frames.add(self.tick_time_ns(policy.seq), policy);
     }
 
-    /// Adds how a tick of the loop kept time.
-    pub(super) fn loop_row(&self, row: &Loop, frames: &mut Frames) {
-        frames.add(self.tick_time_ns(row.seq), row);
+    /// Adds the timing of a tick.
+    pub(super) fn timing(&self, timing: &Loop, frames: &mut FrameBuffer) {
+        frames.add(self.tick_time_ns(timing.seq), timing);
     }
 
-    /// Adds what is still open. Returns the time of the last tick, ns from 1970.
-    pub(super) fn end(&mut self, frames: &mut Frames) -> u64 {
+    /// Adds an apex that was never answered. Returns the log time of the last
+    /// tick, ns since 1970.
+    pub(super) fn end(&mut self, frames: &mut FrameBuffer) -> u64 {
         let Some(tick) = self.tick else { return self.started_unix_ns };
         self.close_apex(false, &tick.command, frames);
-        self.log_time_ns(self.before_s + tick.t_s)
+        self.log_time_ns(self.earlier_runs_s + tick.t_s)
     }
 }

@@ -6,8 +6,8 @@ use std::path::Path;
 
 use leg_control::wire::{self, Header};
 
-use crate::record::read::{Entry, ReadError, Reader};
-use crate::record::schema::{Command, Config, Policy};
+use crate::record::read::{ReadError, Reader};
+use crate::record::schema::{AnyMessage, Command, Config, Policy};
 
 /// What a recording says beside its ticks.
 #[derive(Clone, Debug)]
@@ -31,11 +31,11 @@ impl Summary {
         let mut reader = Reader::open(path)?;
         let (mut config, mut policies) = (None, Vec::new());
         let (mut first, mut ticks) = (None, 0);
-        while let Some(entry) = reader.next_entry()? {
-            match entry {
-                Entry::Config(found) => config = Some(found),
-                Entry::Policy(policy) => policies.push(policy),
-                Entry::Sample(sample) => {
+        while let Some(message) = reader.next_message()? {
+            match message {
+                AnyMessage::Config(found) => config = Some(found),
+                AnyMessage::Policy(policy) => policies.push(policy),
+                AnyMessage::Sample(sample) => {
                     first.get_or_insert((sample.run_id, sample.seq));
                     ticks += 1;
                 }
@@ -85,10 +85,10 @@ impl Source {
     /// # Errors
     /// [`ReadError`].
     pub fn next_answer(&mut self) -> Result<Option<Answer>, ReadError> {
-        while let Some(entry) = self.reader.next_entry()? {
-            match entry {
-                Entry::Sample(sample) => self.sample(&(&sample).into()),
-                Entry::Command(command) if command.is_new => return Ok(Some(self.answer(command))),
+        while let Some(message) = self.reader.next_message()? {
+            match message {
+                AnyMessage::Sample(sample) => self.sample(&(&sample).into()),
+                AnyMessage::Command(command) if command.is_new => return Ok(Some(self.answer(command))),
                 _ => (),
             }
         }
@@ -100,7 +100,7 @@ impl Source {
     /// # Errors
     /// [`ReadError`].
     pub fn warning(&mut self) -> Result<Option<String>, ReadError> {
-        while self.reader.next_entry()?.is_some() {}
+        while self.reader.next_message()?.is_some() {}
         Ok(self.reader.warning())
     }
 

@@ -11,8 +11,8 @@ use leg_host::Pace;
 use leg_host::memory::Inline;
 use leg_process::policy_file::AlignedBytes;
 use rustix::process::Signal;
-use sim_host::record::read::{Entry, Reader};
-use sim_host::record::schema::{Config, End, Policy as PolicyMessage};
+use sim_host::record::read::Reader;
+use sim_host::record::schema::{AnyMessage, Config, End, Policy as PolicyMessage};
 use sim_host::record::{OnFull, Recorder};
 use sim_host::replay::{self, ReplayError};
 use sim_host::scenario::{Scenario, Settings};
@@ -44,13 +44,13 @@ fn size(path: &Path) -> u64 {
 }
 
 /// The samples and commands of a file, what else there is, and its warning.
-fn read(path: &Path) -> (Vec<(Sample, Command)>, Vec<Entry>, Option<String>) {
+fn read(path: &Path) -> (Vec<(Sample, Command)>, Vec<AnyMessage>, Option<String>) {
     let mut reader = Reader::open(path).unwrap();
     let (mut ticks, mut rest, mut last) = (Vec::new(), Vec::new(), None);
-    while let Some(entry) = reader.next_entry().unwrap() {
+    while let Some(entry) = reader.next_message().unwrap() {
         match entry {
-            Entry::Sample(sample) => last = Some(Sample::from(&sample)),
-            Entry::Command(command) => ticks.push((last.unwrap(), Command::from(&command))),
+            AnyMessage::Sample(sample) => last = Some(Sample::from(&sample)),
+            AnyMessage::Command(command) => ticks.push((last.unwrap(), Command::from(&command))),
             entry => rest.push(entry),
         }
     }
@@ -70,9 +70,9 @@ fn record(
     let scenario = Scenario::from_settings(&settings).unwrap();
     let config = Config::of(&settings, &scenario, Pace::LockStep).unwrap();
     let (recorder, mut tap) =
-        Recorder::begin_by(Path::new(PROGRAM), path, &config, OnFull::Wait).unwrap();
+        Recorder::begin_with(Path::new(PROGRAM), path, &config, OnFull::Wait).unwrap();
     for policy in policies {
-        recorder.notes().policy(policy.clone());
+        recorder.sink().policy(policy.clone());
     }
     let mut ticks = Vec::new();
     let outcome = lock_step::run(&scenario, &mut Inline::new(law), Options::default(), |tick| {
@@ -106,13 +106,13 @@ fn a_recorded_run_is_the_same_run_and_replays_bit_for_bit() {
 
     let (ticks, rest, warning) = read(&path);
     assert_eq!((ticks.len(), warning), (20_000, None));
-    let kinds = |f: fn(&&Entry) -> bool| rest.iter().filter(f).count();
-    assert_eq!(kinds(|e| matches!(e, Entry::State(_))), 20_000);
-    assert!(kinds(|e| matches!(e, Entry::Apex(_))) > 5);
-    assert!(kinds(|e| matches!(e, Entry::Event(_))) > 10);
-    let Some(Entry::End(end)) = rest.last() else { panic!("{:?}", rest.last()) };
+    let kinds = |f: fn(&&AnyMessage) -> bool| rest.iter().filter(f).count();
+    assert_eq!(kinds(|e| matches!(e, AnyMessage::State(_))), 20_000);
+    assert!(kinds(|e| matches!(e, AnyMessage::Apex(_))) > 5);
+    assert!(kinds(|e| matches!(e, AnyMessage::Event(_))) > 10);
+    let Some(AnyMessage::End(end)) = rest.last() else { panic!("{:?}", rest.last()) };
     assert_eq!((&end.state_hash, end.ticks), (&bare, 20_000));
-    let Entry::Config(config) = &rest[0] else { panic!("{:?}", rest[0]) };
+    let AnyMessage::Config(config) = &rest[0] else { panic!("{:?}", rest[0]) };
     let settings = Settings::from_toml(&config.scenario_toml).unwrap();
     assert_eq!((settings.set_point_m_s, settings.duration_s), (Some(0.3), Some(20.0)));
 
@@ -243,7 +243,7 @@ fn a_killed_run_leaves_a_file_that_is_whole() {
     assert!(!part(&path).exists());
     let (ticks, rest, warning) = read(&path);
     assert!(ticks.len() > 1000 && warning.is_none(), "{} {warning:?}", ticks.len());
-    assert!(!rest.iter().any(|entry| matches!(entry, Entry::End(_))));
+    assert!(!rest.iter().any(|entry| matches!(entry, AnyMessage::End(_))));
     let policy = place.policy();
     place.start("replay", &[text(&path), "--policy", text(&policy)]).end().assert_ok();
     wait_until("the controller has left", || !place.base().exists());
@@ -328,7 +328,7 @@ fn a_run_in_real_time_replays_too_whatever_was_missed() {
     assert_eq!((ticks.len(), warning), (3000, None));
     let of_loop: Vec<_> = rest
         .iter()
-        .filter_map(|e| if let Entry::Loop(row) = e { Some(row) } else { None })
+        .filter_map(|e| if let AnyMessage::Loop(row) = e { Some(row) } else { None })
         .collect();
     // Ticks that a late wake-up missed are played, but have no wake-up of their own.
     assert!(of_loop.len() > 300 && of_loop.len() <= 3000, "{}", of_loop.len());

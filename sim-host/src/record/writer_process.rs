@@ -1,10 +1,8 @@
-//! The recorder: a process of its own, so that a run that is killed leaves a
-//! file that is whole.
+//! The process that writes the file, so that a killed run leaves a complete one.
 //!
-//! It reads frames until the pipe ends, for whatever reason, then writes the
-//! file's index and gives the file its name. Signals to the run, or to its
-//! terminal, are not for it: it leaves the run's session and does not stop when
-//! asked to, for it ends by itself with the run.
+//! It reads frames until the pipe ends for whatever reason, then writes the
+//! file's index and renames the file. It runs in a session of its own and
+//! ignores signals to stop, because it ends with the run.
 
 use std::fs::{self, File, TryLockError};
 use std::io::{self, BufReader, BufWriter, Write};
@@ -18,51 +16,51 @@ use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
-use super::pipe::{self, Incoming};
+use super::pipe::{self, Frame};
 use super::schema::{Channel, DESCRIPTORS, PROFILE};
 
-/// Messages are lost by the chunk when the machine loses its power.
-const CHUNK: u64 = 1 << 18;
-const BUFFER: usize = 1 << 18;
+/// Bytes in a chunk; a file that is cut off loses at most its last chunk.
+const CHUNK_LEN: u64 = 1 << 18;
+const BUFFER_LEN: usize = 1 << 18;
 
-/// What it says when it can begin.
+/// Printed when the writer accepts frames.
 pub(super) const READY: &str = "ready";
-/// What it says, before a number of messages, when the file is in its place.
+/// Printed before the number of messages once the file is complete.
 pub(super) const DONE: &str = "done ";
-/// What it says before what went wrong.
+/// Printed before an error message.
 pub(super) const FAILED: &str = "failed ";
 
-/// Where a recording is until it is finished.
+/// Returns the path of the file until it is complete.
 pub(super) fn part(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(".part");
     name.into()
 }
 
-/// The recorder, from its stdin to the file at `path`. It says on its stdout
-/// when it is ready, and how it ended.
+/// Writes the frames from stdin to the file at `path`. Prints [`READY`], then
+/// [`DONE`] or [`FAILED`], on stdout.
 #[must_use]
 pub fn main(path: &Path) -> ExitCode {
-    let said = |line: &str| {
-        // The run may be gone: then there is nobody to tell.
+    let report = |line: &str| {
+        // If the run is gone, nobody reads this.
         let mut out = io::stdout();
         let _ = out.write_all(format!("{line}\n").as_bytes()).and_then(|()| out.flush());
     };
-    match apart().and_then(|()| record(path, || said(READY))) {
+    match detach().and_then(|()| write(path, || report(READY))) {
         Ok(messages) => {
-            said(&format!("{DONE}{messages}"));
+            report(&format!("{DONE}{messages}"));
             ExitCode::SUCCESS
         }
         Err(error) => {
-            said(&format!("{FAILED}{error}"));
+            report(&format!("{FAILED}{error}"));
             ExitCode::FAILURE
         }
     }
 }
 
-/// Out of the reach of signals that are for the run.
-fn apart() -> io::Result<()> {
-    // In a session of its own already when it leads one: then that is as good.
+/// Shields the process from signals that are meant for the run.
+fn detach() -> io::Result<()> {
+    // Fails only for a process that leads a session already, which is as good.
     let _ = rustix::process::setsid();
     for signal in [SIGHUP, SIGINT, SIGTERM] {
         signal_hook::flag::register(signal, Arc::default())?;
@@ -70,21 +68,21 @@ fn apart() -> io::Result<()> {
     Ok(())
 }
 
-fn record(path: &Path, ready: impl FnOnce()) -> io::Result<u64> {
+fn write(path: &Path, ready: impl FnOnce()) -> io::Result<u64> {
     let part = part(path);
     let file = claim(&part)?;
     let mut writer = WriteOptions::new()
         .profile(PROFILE)
         .library(concat!("sim-host ", env!("CARGO_PKG_VERSION")))
         .compression(None)
-        .chunk_size(Some(CHUNK))
+        .chunk_size(Some(CHUNK_LEN))
         .disable_seeking(true)
-        .create(NoSeek::new(BufWriter::with_capacity(BUFFER, &file)))
+        .create(NoSeek::new(BufWriter::with_capacity(BUFFER_LEN, &file)))
         .map_err(io::Error::other)?;
     let mut channels = Vec::new();
     for channel in Channel::ALL {
         let schema = writer
-            .add_schema(channel.schema(), "protobuf", DESCRIPTORS)
+            .add_schema(&channel.schema(), "protobuf", DESCRIPTORS)
             .map_err(io::Error::other)?;
         let id = writer
             .add_channel(schema, channel.topic(), "protobuf", &[].into())
@@ -93,12 +91,12 @@ fn record(path: &Path, ready: impl FnOnce()) -> io::Result<u64> {
     }
     ready();
 
-    let mut pipe = BufReader::with_capacity(BUFFER, io::stdin().lock());
+    let mut pipe = BufReader::with_capacity(BUFFER_LEN, io::stdin().lock());
     let (mut buffer, mut messages) = (Vec::new(), 0);
-    // A pipe that breaks is the end of it as much as one that is closed.
+    // A broken pipe ends the recording as a closed one does.
     while let Ok(Some(frame)) = pipe::read(&mut pipe, &mut buffer) {
         match frame {
-            Incoming::Message { channel, log_time_ns, sequence, message } => {
+            Frame::Message { channel, log_time_ns, sequence, message } => {
                 let header = MessageHeader {
                     channel_id: channels[channel as usize],
                     sequence,
@@ -108,7 +106,7 @@ fn record(path: &Path, ready: impl FnOnce()) -> io::Result<u64> {
                 writer.write_to_known_channel(&header, message).map_err(io::Error::other)?;
                 messages += 1;
             }
-            Incoming::Flush => writer.flush().map_err(io::Error::other)?,
+            Frame::Flush => writer.flush().map_err(io::Error::other)?,
         }
     }
     writer.finish().map_err(io::Error::other)?;
@@ -118,12 +116,13 @@ fn record(path: &Path, ready: impl FnOnce()) -> io::Result<u64> {
     Ok(messages)
 }
 
-/// The file to write to, empty, which no other recorder writes to. What a dead
-/// one left there is overwritten, as the finished file will be.
+/// Opens the file empty and locks it, so that no other recorder writes to it.
+/// The remains of a recorder that died are overwritten, as the complete file
+/// will be.
 fn claim(part: &Path) -> io::Result<File> {
     let in_use = || {
-        let what = format!("another recorder is writing {}", part.display());
-        io::Error::new(io::ErrorKind::ResourceBusy, what)
+        let message = format!("another recorder is writing {}", part.display());
+        io::Error::new(io::ErrorKind::ResourceBusy, message)
     };
     let file = File::options().create(true).truncate(false).write(true).open(part)?;
     match file.try_lock() {
@@ -131,7 +130,7 @@ fn claim(part: &Path) -> io::Result<File> {
         Err(TryLockError::WouldBlock) => return Err(in_use()),
         Err(TryLockError::Error(error)) => return Err(error),
     }
-    // Finished and renamed by another in this very moment?
+    // Another recorder may have renamed the file between opening and locking it.
     if fs::metadata(part)?.ino() != file.metadata()?.ino() {
         return Err(in_use());
     }
