@@ -172,7 +172,7 @@ fn step(record: &Record<'_>, channels: &mut HashMap<u16, Channel>) -> Result<Ste
     match record {
         Record::Header(header) => return Ok(Step::Header(header.profile.clone())),
         Record::Channel(found) => {
-            let ours = Channel::ALL.into_iter().find(|ours| found.topic == ours.topic());
+            let ours = Channel::ALL.iter().copied().find(|ours| found.topic == ours.topic());
             // Channels that other programs added are ignored.
             if let Some(ours) = ours.filter(|_| found.message_encoding == "protobuf") {
                 channels.insert(found.id, ours);

@@ -144,10 +144,8 @@ impl Recorder {
         let (tap, ring, state) = RecordTap::new(RING_CAPACITY, on_full);
         let (side, side_receiver) = mpsc::channel();
         let finish = Arc::new(AtomicBool::new(false));
-        let consequence = format!(
-            "the run continues without it; the beginning is in {}",
-            part(path).display()
-        );
+        let consequence =
+            format!("the run continues without it; the beginning is in {}", part(path).display());
         let mut pipe = PipeWriter::new(pipe, consequence);
         let mut frames = FrameBuffer::default();
         frames.add(config.started_unix_ns, config);

@@ -88,7 +88,9 @@ impl Source {
         while let Some(message) = self.reader.next_message()? {
             match message {
                 AnyMessage::Sample(sample) => self.sample(&(&sample).into()),
-                AnyMessage::Command(command) if command.is_new => return Ok(Some(self.answer(command))),
+                AnyMessage::Command(command) if command.is_new => {
+                    return Ok(Some(self.answer(command)));
+                }
                 _ => (),
             }
         }
