@@ -42,7 +42,7 @@ fn golden_cases_go_through_a_file() {
         assert_eq!(row.cells[..9], expected[..9], "line {}", row.line);
         let hop = Case::of(row).hop();
         assert_eq!(row.optional("t_touchdown"), hop.touchdown.map(|t| t.t_s));
-        assert_eq!(row.optional("x_foot"), hop.touchdown.map(|t| t.x_foot_m));
+        assert_eq!(row.optional("x_foot"), hop.touchdown.map(|t| t.foot_x_m));
         assert_eq!(row.optional("t_liftoff"), hop.liftoff_t_s);
         assert_eq!(row.number("hops"), f64::from(hop.stance_phases));
         match hop.outcome {

@@ -1,12 +1,14 @@
 //! The ground under the leg.
 
-/// Height of the ground at each place. Any function of `x_m` will do.
+/// A height profile of the ground. Implemented for every `Fn(f64) -> f64`.
+///
+/// Heights and places are in metres, in the frame of [`Body`](crate::Body).
 pub trait Ground {
-    /// Height at `x_m`.
+    /// Returns the height at `x_m`, m.
     fn height_m(&self, x_m: f64) -> f64;
 }
 
-/// Level ground at height 0, as under the apex map.
+/// Level ground at height 0, as in the apex map.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Flat;
 

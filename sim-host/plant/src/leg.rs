@@ -1,31 +1,31 @@
-//! The leg: what it weighs, how stiff it is, how it drags.
+//! The leg: its mass, spring, size and drag.
 
 use serde::{Deserialize, Serialize};
 
-/// Density of the reference fluid, fresh water: a medium's density ratio counts from it.
+/// Density of fresh water, by which density ratios are defined.
 pub const REFERENCE_DENSITY_KG_M3: f64 = 1000.0;
 
-/// Standard gravity on Earth, as the source rounds it.
+/// Gravity on Earth, as the paper rounds it.
 pub const EARTH_GRAVITY_M_S2: f64 = 9.81;
 
-/// Parameters of a leg, unchecked; [`Leg::new`] checks them.
+/// Unchecked parameters of a leg; [`Leg::new`] checks them.
 ///
-/// A point mass rides on a massless telescopic leg with a spring in series; an actuator
-/// lengthens the spring's rest length during stance.
+/// The model is a point mass on a massless telescopic leg with a spring; an actuator lengthens
+/// the spring's rest length during stance. The symbols are those of table 1 of the paper.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LegParameters {
-    /// Dry mass; above 0.
+    /// Dry mass `m`; above 0.
     pub mass_kg: f64,
-    /// Mass of the fluid that moves along, the same in every medium; 0 or more.
+    /// Added mass `M` of the fluid that moves along, the same in every medium; 0 or more.
     pub added_mass_kg: f64,
-    /// Spring stiffness; above 0.
+    /// Spring stiffness `k`; above 0.
     pub stiffness_n_m: f64,
-    /// Displaced volume, which gives the buoyancy; 0 or more.
+    /// Displaced volume `V`, which gives the buoyancy; 0 or more.
     pub volume_m3: f64,
-    /// Rest length of the leg at touchdown; above 0.
+    /// Rest length `r0` of the leg at touchdown; above 0.
     pub rest_length_m: f64,
-    /// Most that the actuator adds to the rest length; 0 or more.
+    /// Largest elongation that the actuator adds to the rest length; 0 or more.
     pub max_elongation_m: f64,
     /// Frontal area seen by a horizontal flow; 0 or more.
     pub area_x_m2: f64,
@@ -37,35 +37,35 @@ pub struct LegParameters {
     pub drag_y: f64,
 }
 
-/// A leg whose parameters have been checked: finite, positive where division needs it.
+/// A leg with checked parameters: each is finite and in the range that [`LegParameters`] states.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "LegParameters", into = "LegParameters")]
 pub struct Leg(LegParameters);
 
-/// A parameter outside what the physics allows.
+/// A parameter out of its range.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ParameterError {
-    /// Not finite, or not above zero.
+    /// The value is not finite or not above 0.
     #[error("{name} is {value}; it must be a finite number above 0")]
     NotPositive {
-        /// The parameter, with its unit.
+        /// Name of the parameter, with its unit.
         name: &'static str,
-        /// What it was set to.
+        /// The refused value.
         value: f64,
     },
-    /// Not finite, or below zero.
+    /// The value is not finite or below 0.
     #[error("{name} is {value}; it must be a finite number, 0 or more")]
     Negative {
-        /// The parameter, with its unit.
+        /// Name of the parameter, with its unit.
         name: &'static str,
-        /// What it was set to.
+        /// The refused value.
         value: f64,
     },
 }
 
-/// Passes finite values above zero.
-pub(super) fn positive(name: &'static str, value: f64) -> Result<(), ParameterError> {
+/// Checks that a value is finite and above 0.
+pub(crate) fn check_positive(name: &'static str, value: f64) -> Result<(), ParameterError> {
     if value.is_finite() && value > 0.0 {
         Ok(())
     } else {
@@ -73,8 +73,8 @@ pub(super) fn positive(name: &'static str, value: f64) -> Result<(), ParameterEr
     }
 }
 
-/// Passes finite values from zero up.
-pub(super) fn not_negative(name: &'static str, value: f64) -> Result<(), ParameterError> {
+/// Checks that a value is finite and not below 0.
+pub(crate) fn check_not_negative(name: &'static str, value: f64) -> Result<(), ParameterError> {
     if value.is_finite() && value >= 0.0 {
         Ok(())
     } else {
@@ -83,26 +83,26 @@ pub(super) fn not_negative(name: &'static str, value: f64) -> Result<(), Paramet
 }
 
 impl Leg {
-    /// Checks the parameters.
+    /// Checks the parameters and creates a leg.
     ///
     /// # Errors
-    /// The first parameter that is not finite or out of the range its documentation states.
+    /// Returns the first parameter that is not finite or out of the range that its field states.
     pub fn new(parameters: LegParameters) -> Result<Self, ParameterError> {
         let p = &parameters;
-        positive("mass_kg", p.mass_kg)?;
-        not_negative("added_mass_kg", p.added_mass_kg)?;
-        positive("stiffness_n_m", p.stiffness_n_m)?;
-        not_negative("volume_m3", p.volume_m3)?;
-        positive("rest_length_m", p.rest_length_m)?;
-        not_negative("max_elongation_m", p.max_elongation_m)?;
-        not_negative("area_x_m2", p.area_x_m2)?;
-        not_negative("area_y_m2", p.area_y_m2)?;
-        not_negative("drag_x", p.drag_x)?;
-        not_negative("drag_y", p.drag_y)?;
+        check_positive("mass_kg", p.mass_kg)?;
+        check_not_negative("added_mass_kg", p.added_mass_kg)?;
+        check_positive("stiffness_n_m", p.stiffness_n_m)?;
+        check_not_negative("volume_m3", p.volume_m3)?;
+        check_positive("rest_length_m", p.rest_length_m)?;
+        check_not_negative("max_elongation_m", p.max_elongation_m)?;
+        check_not_negative("area_x_m2", p.area_x_m2)?;
+        check_not_negative("area_y_m2", p.area_y_m2)?;
+        check_not_negative("drag_x", p.drag_x)?;
+        check_not_negative("drag_y", p.drag_y)?;
         Ok(Self(parameters))
     }
 
-    /// The human-size leg of "Learning to stop" and its data (doi 10.5281/zenodo.4607469).
+    /// Returns the human-size leg of the paper and its data (doi 10.5281/zenodo.4607469).
     #[must_use]
     pub const fn human() -> Self {
         Self(LegParameters {
@@ -119,7 +119,8 @@ impl Leg {
         })
     }
 
-    /// The crab-size leg of the same source: it displaces nine tenths of its weight in water.
+    /// Returns the crab-size leg of the same source. Its buoyancy in water is nine tenths of its
+    /// weight.
     #[must_use]
     pub const fn crab() -> Self {
         const MASS_KG: f64 = 0.074;
@@ -134,13 +135,13 @@ impl Leg {
             rest_length_m: REST_LENGTH_M,
             max_elongation_m: 0.005,
             area_x_m2: 4e-4,
-            area_y_m2: std::f64::consts::PI * SHELL_RADIUS_M * SHELL_RADIUS_M,
+            area_y_m2: core::f64::consts::PI * SHELL_RADIUS_M * SHELL_RADIUS_M,
             drag_x: 0.47,
             drag_y: 1.0,
         })
     }
 
-    /// The parameters, all of them valid.
+    /// Returns the parameters.
     #[must_use]
     pub const fn parameters(&self) -> &LegParameters {
         &self.0
@@ -169,6 +170,8 @@ impl From<Leg> for LegParameters {
 
 #[cfg(test)]
 mod tests {
+    use std::string::ToString;
+
     use super::*;
 
     #[test]
@@ -179,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn names_the_bad_parameter_and_its_value() {
+    fn the_error_names_the_parameter_and_its_value() {
         let mut parameters = *Leg::human().parameters();
         parameters.stiffness_n_m = -1.0;
         let error = Leg::new(parameters).unwrap_err();
@@ -190,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_keys_are_errors() {
+    fn rejects_unknown_keys() {
         let json = serde_json::to_string(&Leg::crab()).unwrap();
         assert_eq!(serde_json::from_str::<Leg>(&json).unwrap(), Leg::crab());
         let typo = json.replace("drag_y", "drag_z");

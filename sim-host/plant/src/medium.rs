@@ -1,9 +1,10 @@
 //! The medium: its density and its gravity.
 
-use super::leg::{EARTH_GRAVITY_M_S2, ParameterError, not_negative};
+use crate::leg::{EARTH_GRAVITY_M_S2, ParameterError, check_not_negative};
 
-/// What the leg moves in. The density is a ratio to water's: 1 is water, 0 is vacuum, which
-/// the source takes for air.
+/// The medium around the leg: a density, as a ratio to that of fresh water, and a gravity.
+///
+/// A ratio of 1 is water. A ratio of 0 is vacuum, which the paper uses for air.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Medium {
     density_ratio: f64,
@@ -24,31 +25,31 @@ impl Medium {
         Self { density_ratio, gravity_m_s2: EARTH_GRAVITY_M_S2 }
     }
 
-    /// Any medium. A ratio above the leg's own makes it buoyant, which is allowed.
+    /// Creates a medium. In a medium denser than the leg the leg floats, which is allowed.
     ///
     /// # Errors
-    /// A ratio or gravity that is negative or not finite.
+    /// Returns an error if the ratio or the gravity (m/s²) is negative or not finite.
     pub fn new(density_ratio: f64, gravity_m_s2: f64) -> Result<Self, ParameterError> {
-        not_negative("density_ratio", density_ratio)?;
-        not_negative("gravity_m_s2", gravity_m_s2)?;
+        check_not_negative("density_ratio", density_ratio)?;
+        check_not_negative("gravity_m_s2", gravity_m_s2)?;
         Ok(Self { density_ratio, gravity_m_s2 })
     }
 
-    /// The same gravity at another density.
+    /// Returns a medium of the same gravity and another density.
     ///
     /// # Errors
-    /// A ratio that is negative or not finite.
+    /// Returns an error if the ratio is negative or not finite.
     pub fn with_density_ratio(self, density_ratio: f64) -> Result<Self, ParameterError> {
         Self::new(density_ratio, self.gravity_m_s2)
     }
 
-    /// Density over that of water.
+    /// Returns the density over that of fresh water.
     #[must_use]
     pub const fn density_ratio(self) -> f64 {
         self.density_ratio
     }
 
-    /// Gravity, downwards.
+    /// Returns the gravity, m/s², positive downwards.
     #[must_use]
     pub const fn gravity_m_s2(self) -> f64 {
         self.gravity_m_s2
@@ -56,7 +57,7 @@ impl Medium {
 }
 
 impl Default for Medium {
-    /// [`Medium::AIR`].
+    /// Returns [`Medium::AIR`].
     fn default() -> Self {
         Self::AIR
     }

@@ -1,23 +1,23 @@
-//! Two numbers side by side, as they lie in a 128-bit register.
+//! A vector of two numbers with lane-wise arithmetic.
 
-use std::ops::{Add, Index, IndexMut, Mul, Sub};
+use core::ops::{Add, Index, IndexMut, Mul, Sub};
 
-/// Two numbers on which arithmetic works lane by lane. The alignment lets the compiler take
-/// them straight from memory.
+/// Two numbers in one 128-bit register. Arithmetic acts on each lane, and the alignment lets the
+/// compiler use aligned loads.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(align(16))]
-pub(super) struct Pair(pub(super) [f64; 2]);
+pub(crate) struct Pair(pub(crate) [f64; 2]);
 
 impl Pair {
-    pub(super) const ZERO: Self = Self([0.0; 2]);
+    pub(crate) const ZERO: Self = Self([0.0; 2]);
 
     #[inline]
-    pub(super) fn scaled(self, factor: f64) -> Self {
+    pub(crate) fn scaled(self, factor: f64) -> Self {
         Self([self.0[0] * factor, self.0[1] * factor])
     }
 
     #[inline]
-    pub(super) fn dot(self, other: Self) -> f64 {
+    pub(crate) fn dot(self, other: Self) -> f64 {
         self.0[0] * other.0[0] + self.0[1] * other.0[1]
     }
 }

@@ -1,26 +1,27 @@
-//! Punting: the stance, one smooth stretch at a time.
+//! Stance, one smooth segment at a time.
 //!
-//! The right-hand side has corners: the drag `v |v|` where a velocity changes its sign, and the
-//! rest length where the actuator starts or stops. Across a corner a series of high order is
-//! worth nothing, so every stretch ends on the next one, and is exact in between.
+//! These are the paper's equations (2.1) with the foot fixed. (In water the paper and the USLIP
+//! literature call this phase punting.) The right-hand side has corners: the drag `v |v|` where a
+//! velocity changes its sign, and the rest length where the actuator starts or stops. A series of
+//! high order is not valid across a corner, so every segment ends at the next one.
 
-use super::elongation::{Elongation, Ramp};
-use super::roots::{Edge, first_crossing};
-use super::taylor::{Field, Jet, Rates, State};
+use crate::elongation::{Elongation, Ramp};
+use crate::roots::{ValueSlope, first_crossing};
+use crate::taylor::{Field, Jet, Rates, State};
 
-/// A stance that takes longer than this counts as a fall.
-const LONGEST_STANCE_S: f64 = 25.0;
+/// Duration of a stance above which it counts as a fall.
+const MAX_STANCE_S: f64 = 25.0;
 
-/// Bounds the work for the stiffest of legs.
-const MOST_STRETCHES: u32 = 100_000;
+/// Number of segments that bounds the work for very stiff legs.
+const MAX_SEGMENTS: u32 = 100_000;
 
-/// What ends a stretch.
+/// The event that ends a segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Corner {
-    /// Nothing yet: the series reaches no further, or the time is up.
+pub(crate) enum Corner {
+    /// No event: the limit of the series or of the time.
     Limit,
-    /// The horizontal velocity passes 0.
-    Swing,
+    /// The horizontal velocity changes its sign.
+    HorizontalTurn,
     /// The mass starts to rise.
     Bottom,
     /// The mass stops rising.
@@ -29,19 +30,20 @@ pub(super) enum Corner {
     LiftOff,
 }
 
-/// Where a smooth stretch of stance ends.
-pub(super) struct Stretch {
-    pub(super) t_s: f64,
-    pub(super) state: State,
-    pub(super) corner: Corner,
+/// End of a smooth segment of stance.
+pub(crate) struct Segment {
+    pub(crate) t_s: f64,
+    pub(crate) state: State,
+    pub(crate) corner: Corner,
 }
 
-impl Stretch {
-    /// Goes from `start` to the first corner, `limit_s` at most; leaves the series in `jet`.
+impl Segment {
+    /// Integrates from `start` to the first corner, at most for `limit_s`, and leaves the series
+    /// in `jet`.
     ///
-    /// At touchdown the leg length is known exactly, which says whether the foot holds at all:
-    /// `known_length_m` is it then.
-    pub(super) fn follow(
+    /// At touchdown the leg length is known exactly. The caller then passes it in
+    /// `known_length_m`, so that rounding cannot decide whether the foot holds.
+    pub(crate) fn integrate(
         jet: &mut Jet,
         field: &Field,
         start: &State,
@@ -51,106 +53,108 @@ impl Stretch {
         tolerance_m_s: f64,
     ) -> Self {
         jet.expand(field, start, ramp);
-        let mut from = Moment { t_s: 0.0, state: *start, rates: jet.start_rates() };
+        let mut from = Instant { t_s: 0.0, state: *start, rates: jet.start_rates() };
         if let Some(length_m) = known_length_m {
             from.rates.excess_m = length_m - ramp.length_m;
         }
-        // A leg at its rest length, or beyond, that does not get shorter bears nothing.
+        // A leg at or beyond its rest length that does not shorten carries no load.
         let (excess_m, excess_m_s) = from.excess();
         if excess_m > 0.0 || (excess_m == 0.0 && excess_m_s >= 0.0) {
-            return from.with(Corner::LiftOff);
+            return from.ending_in(Corner::LiftOff);
         }
         let reach_s = jet.reach_s(tolerance_m_s).min(limit_s);
-        let mut to = Moment::of(jet, field, reach_s);
+        let mut to = Instant::at(jet, field, reach_s);
         let mut corner = Corner::Limit;
 
-        let first = |edge: fn(&Moment) -> Edge, to: &Moment| {
-            let mut seen = *to;
-            let t_s = first_crossing(edge(&from), edge(to), to.t_s, |t_s| {
-                seen = Moment::of(jet, field, t_s);
-                edge(&seen)
+        let first = |event: fn(&Instant) -> ValueSlope, to: &Instant| {
+            let mut latest = *to;
+            let t_s = first_crossing(event(&from), event(to), to.t_s, |t_s| {
+                latest = Instant::at(jet, field, t_s);
+                event(&latest)
             })?;
-            Some(seen.moved_to(t_s))
+            Some(latest.moved_to(t_s))
         };
-        if let Some(at) = first(Moment::excess, &to) {
+        if let Some(at) = first(Instant::excess, &to) {
             (to, corner) = (at, Corner::LiftOff);
         }
         let (vy_m_s, ay_m_s2) = from.vertical();
         let rises = vy_m_s > 0.0 || (vy_m_s == 0.0 && ay_m_s2 > 0.0);
-        // Without drag the bottom is no corner, and may be passed over.
-        let passes_bottom =
-            !field.drags() && !rises && to.vertical().0 > 0.0 && from.stays_up_to(&to);
-        if !passes_bottom && let Some(at) = first(Moment::vertical, &to) {
+        // Without drag the lowest point is no corner, so the segment may go on beyond it.
+        let passes_bottom = !field.has_drag()
+            && !rises
+            && to.vertical().0 > 0.0
+            && from.stays_above_ground_until(&to);
+        if !passes_bottom && let Some(at) = first(Instant::vertical, &to) {
             to = at;
             to.state.velocity_m_s[1] = 0.0;
             corner = if rises { Corner::Apex } else { Corner::Bottom };
         }
-        if field.drags()
-            && let Some(at) = first(Moment::horizontal, &to)
+        if field.has_drag()
+            && let Some(at) = first(Instant::horizontal, &to)
         {
             to = at;
             to.state.velocity_m_s[0] = 0.0;
-            corner = Corner::Swing;
+            corner = Corner::HorizontalTurn;
         }
-        to.with(corner)
+        to.ending_in(corner)
     }
 }
 
-/// One moment of a stretch, and how things change there.
+/// State and rates at one instant of a segment.
 #[derive(Clone, Copy)]
-struct Moment {
+struct Instant {
     t_s: f64,
     state: State,
     rates: Rates,
 }
 
-impl Moment {
-    fn of(jet: &Jet, field: &Field, t_s: f64) -> Self {
+impl Instant {
+    fn at(jet: &Jet, field: &Field, t_s: f64) -> Self {
         let state = jet.at(t_s);
         Self { t_s, state, rates: jet.rates(field, &state, t_s) }
     }
 
-    /// The same a root finder's last step away, which is too short for a curvature.
+    /// Moves by the last step of a root finder, which is so short that first order suffices.
     fn moved_to(&self, t_s: f64) -> Self {
         let by_s = t_s - self.t_s;
-        let State { place_m, velocity_m_s } = self.state;
+        let State { position_m, velocity_m_s } = self.state;
         Self {
             t_s,
             state: State {
-                place_m: place_m + velocity_m_s.scaled(by_s),
+                position_m: position_m + velocity_m_s.scaled(by_s),
                 velocity_m_s: velocity_m_s + self.rates.acceleration_m_s2.scaled(by_s),
             },
             rates: self.rates,
         }
     }
 
-    fn with(&self, corner: Corner) -> Stretch {
-        Stretch { t_s: self.t_s, state: self.state, corner }
+    fn ending_in(&self, corner: Corner) -> Segment {
+        Segment { t_s: self.t_s, state: self.state, corner }
     }
 
-    fn excess(&self) -> Edge {
+    fn excess(&self) -> ValueSlope {
         (self.rates.excess_m, self.rates.excess_m_s)
     }
 
-    fn horizontal(&self) -> Edge {
+    fn horizontal(&self) -> ValueSlope {
         (self.state.velocity_m_s[0], self.rates.acceleration_m_s2[0])
     }
 
-    fn vertical(&self) -> Edge {
+    fn vertical(&self) -> ValueSlope {
         (self.state.velocity_m_s[1], self.rates.acceleration_m_s2[1])
     }
 
-    /// Whether the height keeps clear of 0 up to `end`, even if it is lowest in between.
-    fn stays_up_to(&self, end: &Self) -> bool {
-        let lowest_m = self.state.place_m[1].min(end.state.place_m[1]);
+    /// Returns true if the height surely stays above 0 up to `end`.
+    fn stays_above_ground_until(&self, end: &Self) -> bool {
+        let lowest_m = self.state.position_m[1].min(end.state.position_m[1]);
         let fastest_m_s = self.vertical().0.abs().max(end.vertical().0.abs());
         lowest_m > fastest_m_s * end.t_s
     }
 }
 
-/// How a stance ends, and when, counted from touchdown.
+/// End of a stance; times count from touchdown.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum StanceEnd {
+pub(crate) enum StanceEnd {
     /// The leg reached its rest length.
     LiftOff { t_s: f64, state: State },
     /// The mass stopped rising while the foot was still down.
@@ -159,8 +163,8 @@ pub(super) enum StanceEnd {
     Fall,
 }
 
-/// Follows a stance on level ground from touchdown, where the leg has its rest length.
-pub(super) fn punt(
+/// Integrates a stance on level ground from touchdown, where the leg has its rest length.
+pub(crate) fn integrate(
     field: &Field,
     touchdown: State,
     elongation: &Elongation,
@@ -169,10 +173,10 @@ pub(super) fn punt(
     let (mut t_s, mut state) = (0.0, touchdown);
     let mut known_length_m = Some(elongation.rest_length_m);
     let mut jet = Jet::new();
-    for _ in 0..MOST_STRETCHES {
-        let (ramp, kink_s) = elongation.ramp(t_s);
-        let limit_s = kink_s - t_s;
-        let stretch = Stretch::follow(
+    for _ in 0..MAX_SEGMENTS {
+        let (ramp, corner_s) = elongation.ramp(t_s);
+        let limit_s = corner_s - t_s;
+        let segment = Segment::integrate(
             &mut jet,
             field,
             &state,
@@ -181,17 +185,17 @@ pub(super) fn punt(
             limit_s,
             tolerance_m_s,
         );
-        state = stretch.state;
-        t_s = if stretch.t_s == limit_s { kink_s } else { t_s + stretch.t_s };
-        // The height is lowest at an end of the stretch, or clear of the ground.
-        let stands = state.place_m[1] > 0.0 && t_s <= LONGEST_STANCE_S;
-        if !stands {
+        state = segment.state;
+        t_s = if segment.t_s == limit_s { corner_s } else { t_s + segment.t_s };
+        // Within a segment the height is lowest at an end or surely above the ground.
+        let upright = state.position_m[1] > 0.0 && t_s <= MAX_STANCE_S;
+        if !upright {
             return StanceEnd::Fall;
         }
-        match stretch.corner {
+        match segment.corner {
             Corner::LiftOff => return StanceEnd::LiftOff { t_s, state },
             Corner::Apex => return StanceEnd::Apex { t_s, state },
-            Corner::Limit | Corner::Swing | Corner::Bottom => {}
+            Corner::Limit | Corner::HorizontalTurn | Corner::Bottom => {}
         }
     }
     StanceEnd::Fall
@@ -199,21 +203,21 @@ pub(super) fn punt(
 
 #[cfg(test)]
 mod tests {
-    use super::super::{flight::Swim, leg::Leg, medium::Medium, pair::Pair};
     use super::*;
+    use crate::{flight::Flight, leg::Leg, medium::Medium, pair::Pair};
 
     #[test]
-    fn a_mirrored_stance_is_the_same_to_the_last_bit() {
+    fn a_mirrored_stance_gives_mirrored_bits() {
         let leg = Leg::human();
         let elongation = Elongation { rest_length_m: 1.0, max_m: 0.2, start_m: 0.0, rate_m_s: 1.2 };
         for medium in [Medium::AIR, Medium::WATER] {
-            let field = Field::new(&leg, &Swim::new(&leg, medium));
+            let field = Field::new(&leg, &Flight::new(&leg, medium));
             let end = |side: f64| {
                 let touchdown = State {
-                    place_m: Pair([side * 0.28, 0.96]),
+                    position_m: Pair([side * 0.28, 0.96]),
                     velocity_m_s: Pair([side * -1.9, -3.1]),
                 };
-                match punt(&field, touchdown, &elongation, 1e-10) {
+                match integrate(&field, touchdown, &elongation, 1e-10) {
                     StanceEnd::LiftOff { t_s, state } => (t_s, state),
                     end => panic!("{end:?}"),
                 }
@@ -221,7 +225,7 @@ mod tests {
             let ((right_s, right), (left_s, left)) = (end(1.0), end(-1.0));
             let mirror = Pair([-1.0, 1.0]);
             assert_eq!(right_s, left_s);
-            assert_eq!(right.place_m * mirror, left.place_m);
+            assert_eq!(right.position_m * mirror, left.position_m);
             assert_eq!(right.velocity_m_s * mirror, left.velocity_m_s);
         }
     }

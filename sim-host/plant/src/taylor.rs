@@ -1,7 +1,7 @@
-//! Taylor series of the stance, by recurrence.
+//! Taylor series of the stance, computed by recurrence.
 //!
-//! With the place `p` seen from the foot, the leg length `l = |p|` and the spring's pull
-//! `s = k (L - l) / l` along the leg, the equations of the stance are
+//! With the position `p` relative to the foot, the leg length `l = |p|`, the rest length `L` and
+//! the spring's pull per leg length `s = k (L - l) / l`, the equations of the stance are
 //!
 //! ```text
 //! p' = v        l l = p . p        l s = k (L - l)
@@ -10,102 +10,105 @@
 //!
 //! Every product is a convolution of coefficients, so each order follows from the lower ones.
 //! The convolutions run two at a time, one in each lane of a 128-bit register: (x, y),
-//! (vx, vy) and (l, s). In each the newest coefficients are added last, so that the rest of
-//! the sum is out of the way before they are known.
+//! (vx, vy) and (l, s). Each adds the newest coefficients last, so that the rest of the sum does
+//! not wait for them.
 
-use super::elongation::Ramp;
-use super::pair::Pair;
+use libm::sqrt;
 
-/// Coefficients of a series. The work for one grows with the square, its reach ever more
-/// slowly: 12 to 20 cost about the same at the golden tolerance, and at looser ones fewer win.
+use crate::elongation::Ramp;
+use crate::pair::Pair;
+
+/// Number of coefficients. The work of a series grows with its square, and its reach more slowly:
+/// 12 to 20 take about the same time at the golden tolerance, and fewer are better at looser ones.
 const N: usize = 14;
 
-/// Accelerations in stance, per moving mass.
+/// The vector field of the stance: coefficients of the accelerations, per moving mass.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Field {
+pub(crate) struct Field {
     /// Spring stiffness per moving mass.
-    pub(super) spring_per_s2: f64,
-    /// Drag along x and y.
-    pub(super) drag_per_m: Pair,
+    pub(crate) spring_per_s2: f64,
+    /// Drag along x and y, per squared speed.
+    pub(crate) drag_per_m: Pair,
     /// Weight less buoyancy.
-    pub(super) net_gravity_m_s2: f64,
+    pub(crate) net_gravity_m_s2: f64,
 }
 
-/// Place of the mass as seen from the foot, and its velocity.
+/// Position of the mass relative to the foot, and its velocity.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct State {
-    pub(super) place_m: Pair,
-    pub(super) velocity_m_s: Pair,
+pub(crate) struct State {
+    pub(crate) position_m: Pair,
+    pub(crate) velocity_m_s: Pair,
 }
 
-/// What changes over a stretch of stance, with the rates at which it does.
+/// The event function of lift-off with its rate, and the accelerations.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Rates {
-    /// Leg length less rest length: 0 at lift-off.
-    pub(super) excess_m: f64,
-    pub(super) excess_m_s: f64,
-    pub(super) acceleration_m_s2: Pair,
+pub(crate) struct Rates {
+    /// Leg length less rest length, 0 at lift-off.
+    pub(crate) excess_m: f64,
+    pub(crate) excess_m_s: f64,
+    pub(crate) acceleration_m_s2: Pair,
 }
 
 impl Field {
-    /// Whether there is any drag.
-    pub(super) fn drags(&self) -> bool {
+    /// Returns true if there is any drag.
+    pub(crate) fn has_drag(&self) -> bool {
         self.drag_per_m != Pair::ZERO
     }
 
-    /// The signed drag coefficients that hold just after this state: a velocity that starts
-    /// at 0 takes the sign of its acceleration.
+    /// Returns the signed drag coefficients that hold just after a state. A velocity of 0 takes
+    /// the sign of its acceleration.
     fn drag(&self, velocity_m_s: Pair, free_m_s2: Pair) -> Pair {
         let signed = |i: usize| {
-            let sense = if velocity_m_s[i] == 0.0 { free_m_s2[i] } else { velocity_m_s[i] };
-            self.drag_per_m[i].copysign(sense)
+            let sign = if velocity_m_s[i] == 0.0 { free_m_s2[i] } else { velocity_m_s[i] };
+            self.drag_per_m[i].copysign(sign)
         };
         Pair([signed(0), signed(1)])
     }
 
-    /// The right-hand side at one state.
+    /// Evaluates the right-hand side at one state.
     fn rates(&self, state: &State, ramp: Ramp, t_s: f64) -> Rates {
-        let State { place_m, velocity_m_s } = *state;
+        let State { position_m, velocity_m_s } = *state;
         let rest_m = ramp.length_m + ramp.rate_m_s * t_s;
-        let length_m = place_m.dot(place_m).sqrt();
+        let length_m = sqrt(position_m.dot(position_m));
         let per_length = 1.0 / length_m;
         let pull = self.spring_per_s2 * (rest_m - length_m) * per_length;
-        let free = place_m.scaled(pull) - Pair([0.0, self.net_gravity_m_s2]);
+        let free = position_m.scaled(pull) - Pair([0.0, self.net_gravity_m_s2]);
         let drag = self.drag(velocity_m_s, free);
         Rates {
             excess_m: length_m - rest_m,
-            excess_m_s: place_m.dot(velocity_m_s) * per_length - ramp.rate_m_s,
+            excess_m_s: position_m.dot(velocity_m_s) * per_length - ramp.rate_m_s,
             acceleration_m_s2: free - drag * velocity_m_s * velocity_m_s,
         }
     }
 }
 
-/// Coefficients of a stance around one instant, powers of the time in seconds.
+/// Taylor coefficients of a stance around one instant; the time is in seconds.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Jet {
-    pub(super) place: [Pair; N],
-    pub(super) velocity: [Pair; N],
-    /// Leg length and pull.
+pub(crate) struct Jet {
+    pub(crate) position: [Pair; N],
+    pub(crate) velocity: [Pair; N],
+    /// Leg length `l` and pull `s`.
     length_pull: [Pair; N],
-    /// The same, each in both lanes: factors of the convolutions.
+    /// Leg length in both lanes, as a factor of the convolutions.
     length: [Pair; N],
+    /// Pull in both lanes.
     pull: [Pair; N],
     ramp: Ramp,
 }
 
-/// What all orders of a series share.
+/// Values that all orders of a series use.
 #[derive(Clone, Copy)]
 struct Constants {
-    place: Pair,
+    position: Pair,
     twice_velocity: Pair,
     drag: Pair,
     pull: f64,
     per_length: f64,
-    /// How fast the pull falls with the length.
+    /// Derivative of the pull by the length, negated, in lane 1.
     stiffen: Pair,
 }
 
-/// A sum that does not begin with an addition to 0, which the compiler may not leave out.
+/// A sum that does not start from 0: the compiler may not remove an addition to 0.
 struct Sum(Option<Pair>);
 
 impl Sum {
@@ -132,8 +135,8 @@ impl Sum {
     }
 }
 
-/// `1 / n`, for divisions are slow.
-const PER: [f64; N] = {
+/// Reciprocals `1 / n`; a division is slower than a product.
+const RECIPROCAL: [f64; N] = {
     let mut table = [0.0; N];
     let mut n = 1;
     while n < N {
@@ -144,10 +147,10 @@ const PER: [f64; N] = {
 };
 
 impl Jet {
-    /// Room for a series.
-    pub(super) fn new() -> Self {
+    /// Creates an empty series.
+    pub(crate) fn new() -> Self {
         Self {
-            place: [Pair::ZERO; N],
+            position: [Pair::ZERO; N],
             velocity: [Pair::ZERO; N],
             length_pull: [Pair::ZERO; N],
             length: [Pair::ZERO; N],
@@ -156,9 +159,9 @@ impl Jet {
         }
     }
 
-    /// Expands the motion around `state`.
-    pub(super) fn expand(&mut self, field: &Field, state: &State, ramp: Ramp) {
-        if field.drags() {
+    /// Expands the motion around `state` under `ramp`.
+    pub(crate) fn expand(&mut self, field: &Field, state: &State, ramp: Ramp) {
+        if field.has_drag() {
             self.recur::<true>(field, state, ramp);
         } else {
             self.recur::<false>(field, state, ramp);
@@ -166,22 +169,22 @@ impl Jet {
     }
 
     fn recur<const DRAG: bool>(&mut self, field: &Field, state: &State, ramp: Ramp) {
-        let (place, velocity) = (state.place_m, state.velocity_m_s);
+        let (position, velocity) = (state.position_m, state.velocity_m_s);
         let stiffness = field.spring_per_s2;
-        let length = place.dot(place).sqrt();
+        let length = sqrt(position.dot(position));
         let per_length = 1.0 / length;
         let pull = stiffness * (ramp.length_m - length) * per_length;
-        let free = place.scaled(pull) - Pair([0.0, field.net_gravity_m_s2]);
+        let free = position.scaled(pull) - Pair([0.0, field.net_gravity_m_s2]);
         let drag = field.drag(velocity, free);
         self.ramp = ramp;
-        self.place[0] = place;
+        self.position[0] = position;
         self.velocity[0] = velocity;
         self.set_length_pull(0, length, pull);
-        self.place[1] = velocity;
+        self.position[1] = velocity;
         self.velocity[1] = free - drag * velocity * velocity;
 
         let c = Constants {
-            place,
+            position,
             twice_velocity: velocity + velocity,
             drag,
             pull,
@@ -189,7 +192,7 @@ impl Jet {
             stiffen: Pair([0.0, (stiffness + pull) * per_length]),
         };
         let mut last = self.order::<DRAG, 1>(&c, Pair::ZERO, stiffness * ramp.rate_m_s);
-        // Orders known at compile time: a loop over them mispredicts the end of each sum.
+        // The orders are constants, because a loop over them mispredicts the end of each sum.
         macro_rules! orders {
             ($($n:literal)*) => {
                 $(last = self.order::<DRAG, $n>(&c, last, 0.0);)*
@@ -200,12 +203,12 @@ impl Jet {
         let _ = last;
     }
 
-    /// From the coefficients up to `n` of place and velocity to length and pull of order `n`,
-    /// which it returns, and place and velocity of order `n + 1`.
+    /// Computes length and pull of order `n` (and returns them) and position and velocity
+    /// of order `n + 1` from the lower orders.
     ///
-    /// `last` are length and pull of order `n - 1`; they come in registers, for what was just
-    /// stored in halves is slow to load as a pair.
-    #[expect(clippy::inline_always, reason = "each order is a piece of straight code")]
+    /// `last` holds length and pull of order `n - 1`. They are passed in registers, because
+    /// a pair that was just stored in halves is slow to load.
+    #[expect(clippy::inline_always, reason = "each order becomes straight-line code")]
     #[inline(always)]
     fn order<const DRAG: bool, const ORDER: usize>(
         &mut self,
@@ -220,13 +223,13 @@ impl Jet {
             if i > 1 {
                 lengths_pulls.add(self.length[i] * self.length_pull[n - i]);
             }
-            pulled.add(self.pull[i] * self.place[n - i]);
+            pulled.add(self.pull[i] * self.position[n - i]);
             i += 1;
         }
         let (mut squares, mut dragged) = (Sum::EMPTY, Sum::EMPTY);
         let mut i = 1;
         while 2 * i < n {
-            squares.add(self.place[i] * self.place[n - i]);
+            squares.add(self.position[i] * self.position[n - i]);
             if DRAG {
                 dragged.add(self.velocity[i] * self.velocity[n - i]);
             }
@@ -235,7 +238,7 @@ impl Jet {
         squares.double();
         dragged.double();
         if n.is_multiple_of(2) {
-            squares.add(self.place[n / 2] * self.place[n / 2]);
+            squares.add(self.position[n / 2] * self.position[n / 2]);
             if DRAG {
                 dragged.add(self.velocity[n / 2] * self.velocity[n / 2]);
             }
@@ -245,11 +248,11 @@ impl Jet {
         }
         if n > 1 {
             lengths_pulls.add(self.length_pull[1].scaled(last[0]));
-            pulled.add(self.place[1].scaled(last[1]));
+            pulled.add(self.position[1].scaled(last[1]));
         }
         let (lengths_pulls, squares) = (lengths_pulls.total(), squares.total());
-        let newest = self.place[n];
-        let stretched = c.place * newest + squares.scaled(0.5);
+        let newest = self.position[n];
+        let stretched = c.position * newest + squares.scaled(0.5);
         let sum = Pair([stretched[0] + stretched[1], pushed]) - lengths_pulls * Pair([0.5, 1.0]);
         let sum = sum.scaled(c.per_length);
         let length_pull = sum - c.stiffen.scaled(sum[0]);
@@ -258,14 +261,14 @@ impl Jet {
         self.length[n] = Pair([length, length]);
         self.pull[n] = Pair([pull, pull]);
         pulled.add(newest.scaled(c.pull));
-        let mut force = pulled.total() + c.place.scaled(pull);
+        let mut force = pulled.total() + c.position.scaled(pull);
         if DRAG {
             dragged.add(c.twice_velocity * self.velocity[n]);
             force = force - c.drag * dragged.total();
         }
-        let next = force.scaled(PER[n + 1]);
+        let next = force.scaled(RECIPROCAL[n + 1]);
         self.velocity[n + 1] = next;
-        self.place[n + 1] = self.velocity[n].scaled(PER[n + 1]);
+        self.position[n + 1] = self.velocity[n].scaled(RECIPROCAL[n + 1]);
         length_pull
     }
 
@@ -275,8 +278,8 @@ impl Jet {
         self.pull[n] = Pair([pull, pull]);
     }
 
-    /// The rates at the start.
-    pub(super) fn start_rates(&self) -> Rates {
+    /// Returns the rates at the start.
+    pub(crate) fn start_rates(&self) -> Rates {
         Rates {
             excess_m: self.length_pull[0][0] - self.ramp.length_m,
             excess_m_s: self.length_pull[1][0] - self.ramp.rate_m_s,
@@ -284,26 +287,26 @@ impl Jet {
         }
     }
 
-    /// The rates at the state `t_s` later.
-    pub(super) fn rates(&self, field: &Field, state: &State, t_s: f64) -> Rates {
+    /// Evaluates the rates at `state`, which is `t_s` after the start.
+    pub(crate) fn rates(&self, field: &Field, state: &State, t_s: f64) -> Rates {
         field.rates(state, self.ramp, t_s)
     }
 
-    /// Longest step whose last terms stay below `tolerance_m_s`.
-    pub(super) fn reach_s(&self, tolerance_m_s: f64) -> f64 {
+    /// Returns the longest step whose last terms stay below `tolerance_m_s`, s.
+    pub(crate) fn reach_s(&self, tolerance_m_s: f64) -> f64 {
         let size = |n: usize| self.velocity[n][0].abs().max(self.velocity[n][1].abs());
         let reach = |n: usize| rough_root(tolerance_m_s / size(n), n);
         reach(N - 1).min(reach(N - 2))
     }
 
-    /// The state `t_s` later.
-    pub(super) fn at(&self, t_s: f64) -> State {
-        State { place_m: value(&self.place, t_s), velocity_m_s: value(&self.velocity, t_s) }
+    /// Evaluates the state `t_s` after the start.
+    pub(crate) fn at(&self, t_s: f64) -> State {
+        State { position_m: value(&self.position, t_s), velocity_m_s: value(&self.velocity, t_s) }
     }
 }
 
-/// The `n`-th root of a positive number to a few percent: the bits of a float are nearly its
-/// logarithm. The same on every machine, which `powf` is not, and far quicker.
+/// Estimates the `n`-th root of a positive number to a few percent, from the fact that the bits of
+/// a float are nearly its logarithm. Unlike `powf` it gives the same bits on every machine.
 #[inline]
 fn rough_root(x: f64, n: usize) -> f64 {
     const ONE: i64 = 1.0_f64.to_bits().cast_signed();
@@ -311,8 +314,7 @@ fn rough_root(x: f64, n: usize) -> f64 {
     f64::from_bits((ONE + over_one / n.cast_signed() as i64).cast_unsigned())
 }
 
-/// Value of the polynomials: even and odd powers in chains of their own, for each waits on its
-/// last product.
+/// Evaluates both polynomials at `t`. Even and odd powers form separate dependency chains.
 fn value(p: &[Pair; N], t: f64) -> Pair {
     const { assert!(N.is_multiple_of(2)) };
     let square = t * t;

@@ -1,116 +1,117 @@
-//! The plant one tick at a time: what a controller drives.
+//! The plant one tick at a time, as a controller drives it.
 //!
-//! The same equations as the apex map, with the command of a tick held over it and every event
-//! inside it placed to the integrator's tolerance; a tick may be of any length. Two things
-//! exist here that the apex map does not have:
+//! The equations are those of the apex map. The command is held over a tick, a tick may be of any
+//! length, and the events inside it are located to the integrator's tolerance. Two things go
+//! beyond the apex map:
 //!
-//! * **The elongation is commanded**, as a ramp over the tick. In flight it lengthens the leg
-//!   only as a length sensor sees it; the foot comes down on the unextended leg, and from
-//!   touchdown on the spring's rest length is what the ramp gives. A ramp that starts below 0
-//!   and passes it at touchdown is the apex map's.
-//! * **The leg angle may change in flight.** The leg is massless and takes any angle at once.
-//!   On the way up the foot may pass through the ground (the leg folds). On the way down the
-//!   ground stops it: a swing that would carry the foot from above the ground to below it
-//!   ends where they meet, and that is the touchdown. A foot that is below the ground when
-//!   the descent begins stays folded and bears nothing until it is clear of the ground again;
-//!   where that does not happen, the body comes down, which is the apex map's rule for an
-//!   apex lower than the leg.
+//! * **The elongation is commanded** as a ramp over the tick. In flight it changes only what a
+//!   leg length sensor measures: touchdown happens on the unextended leg, and from then on the
+//!   ramp adds to the spring's rest length. A ramp that passes 0 at touchdown reproduces the
+//!   apex map's action.
+//! * **The leg angle may change in flight.** The leg is massless and takes any angle at once. While
+//!   the body rises the foot may pass through the ground (the leg folds). While the body descends,
+//!   a swing that would carry the foot from above the ground to below it ends at the ground, and
+//!   that is the touchdown. A foot that is below the ground when the descent begins stays folded
+//!   and carries no load until it is above the ground again. If it never is, the body falls, as in
+//!   the apex map from an apex lower than the leg.
 
 use smallvec::SmallVec;
 
-use super::apex::Tolerance;
-use super::elongation::Elongation;
-use super::flight::Swim;
-use super::ground::Ground;
-use super::leg::Leg;
-use super::medium::Medium;
-use super::pair::Pair;
-use super::roots::falling_root;
-use super::stance::{Corner, Stretch};
-use super::taylor::{Field, Jet, State};
+use crate::apex::Tolerance;
+use crate::elongation::Elongation;
+use crate::flight::Flight;
+use crate::ground::Ground;
+use crate::leg::Leg;
+use crate::medium::Medium;
+use crate::pair::Pair;
+use crate::roots::falling_root;
+use crate::stance::{Corner, Segment};
+use crate::taylor::{Field, Jet, State};
 
-/// Bounds the work of one tick; beyond it, as after an overflow, the leg counts as fallen.
-const MOST_STRETCHES: u32 = 100_000;
+/// Number of segments that bounds the work of one tick. A leg that needs more counts as fallen, as
+/// it does after an overflow.
+const MAX_SEGMENTS: u32 = 100_000;
 
-/// The point mass.
+/// State of the point mass.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Body {
-    /// Place.
+    /// Horizontal place.
     pub x_m: f64,
     /// Horizontal velocity.
     pub vx_m_s: f64,
-    /// Height over the datum of the ground function.
+    /// Height, from the same origin as [`Ground::height_m`].
     pub y_m: f64,
     /// Vertical velocity, upwards.
     pub vy_m_s: f64,
 }
 
-/// What the controller asks of the leg over one tick.
+/// The command to the leg for one tick.
 ///
-/// Numbers that are not finite are not followed: without an angle the leg stays folded,
-/// without an elongation it keeps its rest length.
+/// An angle that is not finite keeps the leg folded. An elongation or rate that is not finite
+/// counts as no elongation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LegCommand {
-    /// Angle of the leg in flight, from the +x axis; over pi/2 the foot is ahead of the mass.
+    /// Angle of the leg in flight, from the +x axis; above pi/2 the foot is ahead of the mass,
+    /// towards +x.
     pub leg_angle_rad: f64,
-    /// Elongation at the start of the tick. May be out of range: what acts is the ramp
-    /// `elongation_m + elongation_rate_m_s * t`, clamped to what the leg has.
+    /// Elongation at the start of the tick. It may be out of range: the leg follows the ramp
+    /// `elongation_m + elongation_rate_m_s * t`, clamped to 0 and the leg's largest elongation.
     pub elongation_m: f64,
-    /// Speed of the elongation over the tick.
+    /// Rate of the elongation over the tick.
     pub elongation_rate_m_s: f64,
 }
 
-/// What the leg is doing.
+/// Phase of the gait.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Phase {
     /// The foot is in the air.
     Flight,
     /// The foot is on the ground.
     Stance {
-        /// Place of the foot.
+        /// Horizontal place of the foot.
         foot_x_m: f64,
         /// Height of the foot.
         foot_y_m: f64,
     },
-    /// The body lies on the ground, for good.
+    /// The body lies on the ground. This phase is final.
     Fallen,
 }
 
-/// What happened inside a tick.
+/// An event inside a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Event {
-    /// What it was.
+    /// Kind of the event.
     pub kind: EventKind,
-    /// When, from the start of the tick.
+    /// Time from the start of the tick.
     pub t_s: f64,
-    /// The body at that moment.
+    /// State of the body at that time.
     pub body: Body,
 }
 
 /// The kinds of [`Event`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum EventKind {
-    /// The foot came down.
+    /// The foot touched the ground.
     Touchdown {
-        /// Place of the foot.
+        /// Horizontal place of the foot.
         foot_x_m: f64,
         /// Height of the foot.
         foot_y_m: f64,
     },
-    /// The leg reached its rest length.
+    /// The leg reached its rest length and left the ground.
     LiftOff,
     /// The body stopped rising, in flight or in stance.
     Apex,
-    /// The body came down to the ground.
+    /// The body reached the ground.
     Fall,
 }
 
-/// The events of one tick in their order. Up to [`TickEvents::INLINE`] of them, more
-/// than a tick of a millisecond has, allocate nothing.
+/// The events of one tick in their order. Up to [`TickEvents::INLINE`] events, more than occur in
+/// a millisecond, need no allocation.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TickEvents(SmallVec<[Event; Self::INLINE]>);
 
-impl std::ops::Deref for TickEvents {
+impl core::ops::Deref for TickEvents {
     type Target = [Event];
 
     fn deref(&self) -> &[Event] {
@@ -118,22 +119,22 @@ impl std::ops::Deref for TickEvents {
     }
 }
 
-/// A leg that is stepped in ticks.
+/// A leg that is stepped tick by tick.
 #[derive(Clone, Debug)]
 pub struct TickPlant {
     leg: Leg,
     body: Body,
     phase: Phase,
-    /// Of the spring with its elongation, at the end of the last tick.
+    /// Rest length with the elongation at the end of the last tick.
     unloaded_length_m: f64,
-    /// The leg angle at which the foot was last seen above the ground in this descent.
+    /// The last leg angle of this descent at which the foot was above the ground.
     clear_angle_rad: Option<f64>,
     tolerance: Tolerance,
 }
 
-/// What stays the same over one tick.
+/// Values that are constant over one tick.
 struct Tick<'a, G> {
-    swim: Swim,
+    flight: Flight,
     field: Field,
     elongation: Elongation,
     angle_rad: f64,
@@ -142,7 +143,7 @@ struct Tick<'a, G> {
 }
 
 impl TickPlant {
-    /// A leg in flight.
+    /// Creates a plant in flight.
     #[must_use]
     pub fn new(leg: Leg, body: Body) -> Self {
         Self {
@@ -155,26 +156,26 @@ impl TickPlant {
         }
     }
 
-    /// The body at the end of the last tick.
+    /// Returns the body at the end of the last tick.
     #[must_use]
     pub const fn body(&self) -> Body {
         self.body
     }
 
-    /// What the leg is doing at the end of the last tick.
+    /// Returns the phase at the end of the last tick.
     #[must_use]
     pub const fn phase(&self) -> Phase {
         self.phase
     }
 
-    /// The leg.
+    /// Returns the leg.
     #[must_use]
     pub const fn leg(&self) -> &Leg {
         &self.leg
     }
 
-    /// Length of the leg, as a sensor on it measures: from foot to mass while the foot is down;
-    /// else that of the unloaded leg, extended as far as the last command took it.
+    /// Returns the leg length that a sensor on the leg measures, m. In stance this is the distance
+    /// from foot to mass, otherwise the rest length with the elongation of the last command.
     #[must_use]
     pub fn leg_length_m(&self) -> f64 {
         match self.phase {
@@ -185,11 +186,11 @@ impl TickPlant {
         }
     }
 
-    /// Goes on by `dt_s`. Does nothing for a time that is not positive and finite, and nothing
-    /// after a fall.
+    /// Advances the plant by `dt_s` and returns the events in that time. Does nothing if `dt_s` is
+    /// not positive and finite, or after a fall.
     ///
-    /// The ground is looked at where the foot comes down, and under the body at the ends of
-    /// the smooth stretches that make up a tick; a spike that passes in between goes unseen.
+    /// The ground is evaluated under the foot and, for a fall, under the body at the ends of the
+    /// smooth segments of a tick. A narrow spike that the body passes in between is not noticed.
     pub fn step(
         &mut self,
         dt_s: f64,
@@ -202,11 +203,11 @@ impl TickPlant {
             return events;
         }
         let p = self.leg.parameters();
-        let swim = Swim::new(&self.leg, medium);
+        let flight = Flight::new(&self.leg, medium);
         let follows = command.elongation_m.is_finite() && command.elongation_rate_m_s.is_finite();
         let tick = Tick {
-            swim,
-            field: Field::new(&self.leg, &swim),
+            flight,
+            field: Field::new(&self.leg, &flight),
             elongation: Elongation {
                 rest_length_m: p.rest_length_m,
                 max_m: p.max_elongation_m,
@@ -219,21 +220,21 @@ impl TickPlant {
         };
         self.unloaded_length_m = tick.elongation.ramp(dt_s).0.length_m;
         let mut t_s = 0.0;
-        let mut stretches = 0;
-        // The foot's length is known exactly only in the moment of touchdown.
+        let mut segments = 0;
+        // The leg length is known exactly only at touchdown.
         let mut known_length_m = None;
-        // A foot that slipped off at once does not come down again in the same tick.
+        // A foot that lifted off at once does not touch down again in the same tick.
         let mut may_land = true;
         while t_s < dt_s {
-            stretches += 1;
-            if stretches > MOST_STRETCHES || !self.body.is_finite() {
+            segments += 1;
+            if segments > MAX_SEGMENTS || !self.body.is_finite() {
                 let body = self.body;
                 self.fall(t_s, body, &mut events);
             }
             t_s = match self.phase {
                 Phase::Fallen => dt_s,
                 Phase::Flight => {
-                    let t_s = self.swim(&tick, t_s, may_land, &mut events);
+                    let t_s = self.fly(&tick, t_s, may_land, &mut events);
                     known_length_m = Some(tick.elongation.rest_length_m);
                     t_s
                 }
@@ -241,7 +242,7 @@ impl TickPlant {
                     let foot = [foot_x_m, foot_y_m];
                     let from_s = t_s;
                     let known = known_length_m.take();
-                    let t_s = self.punt(&tick, t_s, foot, known, &mut events);
+                    let t_s = self.stand(&tick, t_s, foot, known, &mut events);
                     if known.is_some() && t_s == from_s {
                         may_land = false;
                     }
@@ -252,8 +253,9 @@ impl TickPlant {
         events
     }
 
-    /// Flight up to the end of the tick, the turning point or touchdown; returns when.
-    fn swim<G: Ground>(
+    /// Continues a flight to the end of the tick, the turning point or touchdown, and returns the
+    /// time of that.
+    fn fly<G: Ground>(
         &mut self,
         tick: &Tick<'_, G>,
         from_s: f64,
@@ -261,27 +263,29 @@ impl TickPlant {
         events: &mut TickEvents,
     ) -> f64 {
         let start = self.body;
-        let at = |t_s: f64| fly(&tick.swim, &start, t_s - from_s);
-        let turn_s = tick.swim.turn_s(start.vy_m_s).map(|t_s| from_s + t_s);
+        let at = |t_s: f64| flown(&tick.flight, &start, t_s - from_s);
+        let turn_s = tick.flight.time_to_turn_s(start.vy_m_s).map(|t_s| from_s + t_s);
         let turn_s = turn_s.filter(|&t_s| t_s <= tick.end_s);
         let end_s = turn_s.unwrap_or(tick.end_s);
         let end = at(end_s);
-        let sinks = start.vy_m_s < 0.0 || (start.vy_m_s == 0.0 && end.vy_m_s < 0.0);
+        let descends = start.vy_m_s < 0.0 || (start.vy_m_s == 0.0 && end.vy_m_s < 0.0);
 
-        if sinks && may_land && tick.angle_rad.is_finite() {
-            let here = tick.foot_over_ground(&start, tick.angle_rad, &self.leg);
+        if descends && may_land && tick.angle_rad.is_finite() {
+            let here = tick.foot_height_over_ground(&start, tick.angle_rad, &self.leg);
             if here >= 0.0 {
                 self.clear_angle_rad = Some(tick.angle_rad);
-                if tick.foot_over_ground(&end, tick.angle_rad, &self.leg) <= 0.0 {
-                    let height = |t_s| tick.foot_over_ground(&at(t_s), tick.angle_rad, &self.leg);
+                if tick.foot_height_over_ground(&end, tick.angle_rad, &self.leg) <= 0.0 {
+                    let height =
+                        |t_s| tick.foot_height_over_ground(&at(t_s), tick.angle_rad, &self.leg);
                     let t_s = falling_root(height, from_s, end_s);
                     self.land(t_s, at(t_s), tick.angle_rad, events);
                     return t_s;
                 }
             } else if let Some(clear_rad) = self.clear_angle_rad {
-                // The swing from the old angle to the new one is stopped by the ground.
+                // The ground stops the swing from the old angle to the new one.
                 let angle_rad = |part: f64| clear_rad + part * (tick.angle_rad - clear_rad);
-                let height = |part| tick.foot_over_ground(&start, angle_rad(part), &self.leg);
+                let height =
+                    |part| tick.foot_height_over_ground(&start, angle_rad(part), &self.leg);
                 let part = falling_root(height, 0.0, 1.0);
                 self.land(from_s, start, angle_rad(part), events);
                 return from_s;
@@ -289,8 +293,8 @@ impl TickPlant {
         } else {
             self.clear_angle_rad = None;
         }
-        if tick.over_ground(&end) <= 0.0 {
-            let t_s = falling_root(|t_s| tick.over_ground(&at(t_s)), from_s, end_s);
+        if tick.body_height_over_ground(&end) <= 0.0 {
+            let t_s = falling_root(|t_s| tick.body_height_over_ground(&at(t_s)), from_s, end_s);
             self.fall(t_s, at(t_s), events);
             return t_s;
         }
@@ -304,8 +308,8 @@ impl TickPlant {
         end_s
     }
 
-    /// Stance up to the end of the tick or the next corner; returns when.
-    fn punt<G: Ground>(
+    /// Continues a stance to the end of the tick or the next corner, and returns the time of that.
+    fn stand<G: Ground>(
         &mut self,
         tick: &Tick<'_, G>,
         from_s: f64,
@@ -314,20 +318,20 @@ impl TickPlant {
         events: &mut TickEvents,
     ) -> f64 {
         let start = State {
-            place_m: Pair([self.body.x_m - foot[0], self.body.y_m - foot[1]]),
+            position_m: Pair([self.body.x_m - foot[0], self.body.y_m - foot[1]]),
             velocity_m_s: Pair([self.body.vx_m_s, self.body.vy_m_s]),
         };
         let body_at = |state: &State| Body {
-            x_m: foot[0] + state.place_m[0],
+            x_m: foot[0] + state.position_m[0],
             vx_m_s: state.velocity_m_s[0],
-            y_m: foot[1] + state.place_m[1],
+            y_m: foot[1] + state.position_m[1],
             vy_m_s: state.velocity_m_s[1],
         };
-        let (ramp, kink_s) = tick.elongation.ramp(from_s);
-        let until_s = kink_s.min(tick.end_s);
+        let (ramp, corner_s) = tick.elongation.ramp(from_s);
+        let until_s = corner_s.min(tick.end_s);
         let limit_s = until_s - from_s;
         let mut jet = Jet::new();
-        let stretch = Stretch::follow(
+        let segment = Segment::integrate(
             &mut jet,
             &tick.field,
             &start,
@@ -336,23 +340,23 @@ impl TickPlant {
             limit_s,
             self.tolerance.velocity_m_s,
         );
-        let end = body_at(&stretch.state);
-        if tick.over_ground(&end) <= 0.0 {
-            let height = |t_s| tick.over_ground(&body_at(&jet.at(t_s)));
-            let t_s = falling_root(height, 0.0, stretch.t_s);
+        let end = body_at(&segment.state);
+        if tick.body_height_over_ground(&end) <= 0.0 {
+            let height = |t_s| tick.body_height_over_ground(&body_at(&jet.at(t_s)));
+            let t_s = falling_root(height, 0.0, segment.t_s);
             self.fall(from_s + t_s, body_at(&jet.at(t_s)), events);
             return from_s + t_s;
         }
-        let t_s = if stretch.t_s == limit_s { until_s } else { from_s + stretch.t_s };
+        let t_s = if segment.t_s == limit_s { until_s } else { from_s + segment.t_s };
         self.body = end;
-        match stretch.corner {
+        match segment.corner {
             Corner::LiftOff => {
                 self.phase = Phase::Flight;
                 self.clear_angle_rad = None;
                 events.push(EventKind::LiftOff, t_s, end);
             }
             Corner::Apex => events.push(EventKind::Apex, t_s, end),
-            Corner::Limit | Corner::Swing | Corner::Bottom => {}
+            Corner::Limit | Corner::HorizontalTurn | Corner::Bottom => {}
         }
         t_s
     }
@@ -379,7 +383,7 @@ impl Body {
 }
 
 impl TickEvents {
-    /// Events that a tick has room for without allocating.
+    /// Number of events that need no allocation.
     pub const INLINE: usize = 4;
 
     fn push(&mut self, kind: EventKind, t_s: f64, body: Body) {
@@ -388,26 +392,26 @@ impl TickEvents {
 }
 
 impl<G: Ground> Tick<'_, G> {
-    fn over_ground(&self, body: &Body) -> f64 {
+    fn body_height_over_ground(&self, body: &Body) -> f64 {
         body.y_m - self.ground.height_m(body.x_m)
     }
 
-    fn foot_over_ground(&self, body: &Body, angle_rad: f64, leg: &Leg) -> f64 {
+    fn foot_height_over_ground(&self, body: &Body, angle_rad: f64, leg: &Leg) -> f64 {
         let [x_m, y_m] = foot(body, angle_rad, leg);
         y_m - self.ground.height_m(x_m)
     }
 }
 
-/// Where the foot of the unloaded leg is.
+/// Returns the place of the foot on the unloaded, unextended leg.
 fn foot(body: &Body, angle_rad: f64, leg: &Leg) -> [f64; 2] {
     let length_m = leg.parameters().rest_length_m;
     let (sin, cos) = libm::sincos(angle_rad);
     [body.x_m - length_m * cos, body.y_m - length_m * sin]
 }
 
-/// The body after `t_s` of flight.
-fn fly(swim: &Swim, start: &Body, t_s: f64) -> Body {
-    let (way_x_m, vx_m_s) = swim.horizontal(start.vx_m_s, t_s);
-    let (way_y_m, vy_m_s) = swim.vertical(start.vy_m_s, t_s);
-    Body { x_m: start.x_m + way_x_m, vx_m_s, y_m: start.y_m + way_y_m, vy_m_s }
+/// Returns the body after `t_s` of flight.
+fn flown(flight: &Flight, start: &Body, t_s: f64) -> Body {
+    let (x_m, vx_m_s) = flight.horizontal(start.vx_m_s, t_s);
+    let (y_m, vy_m_s) = flight.vertical(start.vy_m_s, t_s);
+    Body { x_m: start.x_m + x_m, vx_m_s, y_m: start.y_m + y_m, vy_m_s }
 }

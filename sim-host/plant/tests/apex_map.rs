@@ -60,7 +60,7 @@ fn golden_cases_agree() {
         }
         let ours = [
             hop.touchdown.map(|t| t.t_s),
-            hop.touchdown.map(|t| t.x_foot_m),
+            hop.touchdown.map(|t| t.foot_x_m),
             hop.liftoff_t_s,
             next.map(|n| n.t_s),
             next.map(|n| n.x_m),

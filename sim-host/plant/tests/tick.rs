@@ -43,7 +43,7 @@ fn drive(case: &Case, hop: &Hop, dt_s: f64) -> End {
                     down = true;
                     let expected = hop.touchdown.unwrap();
                     assert!((from_s + t_s - expected.t_s).abs() < 1e-9, "{}", case.line);
-                    assert!((foot_x_m - expected.x_foot_m).abs() < 1e-9, "{}", case.line);
+                    assert!((foot_x_m - expected.foot_x_m).abs() < 1e-9, "{}", case.line);
                     assert!(foot_y_m.abs() < 1e-12);
                 }
                 EventKind::LiftOff => {

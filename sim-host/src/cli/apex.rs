@@ -244,7 +244,7 @@ fn results(hop: &Hop) -> [String; 9] {
         outcome.to_owned(),
         hop.stance_phases.to_string(),
         number(hop.touchdown.map(|t| t.t_s)),
-        number(hop.touchdown.map(|t| t.x_foot_m)),
+        number(hop.touchdown.map(|t| t.foot_x_m)),
         number(hop.liftoff_t_s),
         number(next.map(|n| n.t_s)),
         number(next.map(|n| n.x_m)),

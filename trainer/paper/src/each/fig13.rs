@@ -394,7 +394,7 @@ mod tests {
             let leg_plant::Outcome::Apex(next) = hop.outcome else { panic!("{hop:?}") };
             let last = stride.path_m.last().unwrap();
             assert!((last[0] - 3.0 - next.x_m).abs() < 1e-6 && (last[1] - next.y_m).abs() < 1e-6);
-            assert!((stride.foot_x_m - 3.0 - hop.touchdown.unwrap().x_foot_m).abs() < 1e-6);
+            assert!((stride.foot_x_m - 3.0 - hop.touchdown.unwrap().foot_x_m).abs() < 1e-6);
             assert!((stride.angles_deg()[0] - 1.65_f64.to_degrees()).abs() < 1e-6);
         }
     }
