@@ -396,7 +396,7 @@ fn what_is_no_recording_of_ours_is_refused_with_status_2() {
         place.alone(&["--in-process", "--duration", "1", "--record", text(path)]).end()
     };
     run(&place.file("no/such/folder.mcap")).assert(2, &["cannot record to", "No such file"]);
-    run(file.parent().unwrap()).assert(2, &["it is there and is not a file"]);
+    run(file.parent().unwrap()).assert(2, &["it exists and is not a file"]);
     let lock = fs::File::create(part(&file)).unwrap();
     lock.lock().unwrap();
     run(&file).assert(2, &["another recorder is writing", "some.mcap.part"]);
