@@ -1,8 +1,8 @@
 //! Deep deterministic policy gradient: the agent and its update.
 
-mod memory;
+mod state;
 
-pub use memory::Memory;
+pub use state::AgentState;
 
 use rand::Rng;
 use rand_pcg::Pcg64;
@@ -77,9 +77,9 @@ pub trait Agent: Send {
     /// Samples in a batch.
     fn batch(&self) -> usize;
     /// All that outlives an update.
-    fn memory(&self) -> Memory;
-    /// Goes on from the memory of an agent of the same shape; false when it is not.
-    fn remember(&mut self, memory: &Memory) -> bool;
+    fn state(&self) -> AgentState;
+    /// Goes on from the state of an agent of the same shape; false when it is not.
+    fn restore(&mut self, state: &AgentState) -> bool;
 }
 
 /// A DDPG agent whose critic is `Mlp<X, H, E, 1, P>`, with batches of `B`.
@@ -357,12 +357,12 @@ impl<const X: usize, const H: usize, const E: usize, const P: usize, const B: us
         B
     }
 
-    fn memory(&self) -> Memory {
-        self.memory()
+    fn state(&self) -> AgentState {
+        self.state()
     }
 
-    fn remember(&mut self, memory: &Memory) -> bool {
-        self.remember(memory)
+    fn restore(&mut self, state: &AgentState) -> bool {
+        self.restore(state)
     }
 }
 

@@ -1,34 +1,79 @@
-//! Learning to stop: starts, steps and rewards.
+//! The environment of a training: starts, steps and rewards of learning to stop.
 //!
-//! In *led* episodes the environment does to the actor what the cascade will do: it
-//! shows a velocity that is off by an offset u, and rewards stopping relative to a
-//! wanted speed w. Pull s, drawn uniformly from 0.3 to 1.2, and a direction give
-//! w = s / rho m/s, about what drag lets a leg reach at s = 1, and u = w + lead s.
-//! The stronger the pull, the more velocity the leg seems to lack. No height is asked
-//! for there, only not to fall: the fastest gaits are the lowest.
+//! In *velocity-bias* episodes the environment does to the actor what the velocity
+//! cascade does later: it shows a velocity that is too low by an offset u, and rewards
+//! stopping relative to a wanted speed w. With a strength s, drawn uniformly from 0.3 to
+//! 1.2, and a direction, w = s / rho m/s (about the speed that drag permits at s = 1) and
+//! u = w + `lead_m_s` s. The larger s, the larger the velocity error that the actor sees.
+//! The cost of a low apex is left out in these episodes, because the fastest gaits are
+//! the lowest.
 
 use crate::config::{Config, Episode, MediumDraw, Reward};
+use leg_control::leg::LegModel;
 use leg_plant::{Action, Apex, Hopper, Leg, Medium};
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
-/// An apex below this is no hop any more, m.
+/// Lowest apex height that counts as a hop, m.
 pub const LOWEST_APEX_M: f64 = 1.0;
-/// Starts are above this, m.
+/// Lowest apex height of a start, m.
 const LOWEST_START_M: f64 = 1.001;
+/// The density ratio of [`MediumDraw::Water`] and [`MediumDraw::Land`] is off its pure
+/// medium by a normal number over this: a standard deviation of 0.1.
+const DRAWS_PER_RATIO: f64 = 10.0;
+/// Standard deviations that the range of a normal draw states.
+const RANGE_DEVIATIONS: f64 = 3.0;
 
-/// A standard normal number.
+/// Returns the leg that every training uses.
+#[must_use]
+pub fn leg() -> Leg {
+    Leg::human()
+}
+
+/// Returns the medium of every training but for its density ratio: gravity on earth.
+fn medium() -> Medium {
+    Medium::AIR
+}
+
+/// Returns [`leg`] as a policy file states it.
+#[must_use]
+pub fn leg_model() -> LegModel {
+    let leg = leg();
+    let p = leg.parameters();
+    LegModel {
+        mass_kg: p.mass_kg as f32,
+        added_mass_kg: p.added_mass_kg as f32,
+        stiffness_n_m: p.stiffness_n_m as f32,
+        volume_m3: p.volume_m3 as f32,
+        rest_length_m: p.rest_length_m as f32,
+        max_elongation_m: p.max_elongation_m as f32,
+        area_x_m2: p.area_x_m2 as f32,
+        area_y_m2: p.area_y_m2 as f32,
+        drag_x: p.drag_x as f32,
+        drag_y: p.drag_y as f32,
+    }
+}
+
+/// Returns the lowest and highest gravity of every training, m/s2.
+#[must_use]
+pub fn gravity_m_s2() -> [f32; 2] {
+    [medium().gravity_m_s2() as f32; 2]
+}
+
+/// Draws a standard normal number.
 pub(crate) fn normal(rng: &mut impl Rng) -> f64 {
     StandardNormal.sample(rng)
 }
 
-/// A start as the paper draws them: vx = spread N(0, 1), y = 1.001 + |spread N(0, 1)|.
+/// Draws a start as the paper does: vx = spread N(0, 1), y = 1.001 + |spread N(0, 1)|,
+/// in m/s and m.
 pub fn draw_start(spread: f64, rng: &mut impl Rng) -> Apex {
     Apex { vx_m_s: spread * normal(rng), y_m: LOWEST_START_M + (spread * normal(rng)).abs() }
 }
 
 impl Episode {
+    /// Draws the first apex of an episode.
     fn start(&self, rng: &mut impl Rng) -> Apex {
         let which: f64 = rng.random();
         if which < self.uniform_share {
@@ -46,11 +91,11 @@ impl Episode {
 }
 
 impl MediumDraw {
-    /// The density ratio of the episode with this number.
+    /// Draws the density ratio of an episode; `episode` counts from 0 in each stage.
     pub(crate) fn density_ratio(&self, episode: u64, rng: &mut impl Rng) -> f64 {
         match *self {
-            Self::Water => (1.0 - normal(rng).abs() / 10.0).max(0.0),
-            Self::Land => (normal(rng).abs() / 10.0).min(1.0),
+            Self::Water => (1.0 - normal(rng).abs() / DRAWS_PER_RATIO).max(0.0),
+            Self::Land => (normal(rng).abs() / DRAWS_PER_RATIO).min(1.0),
             Self::WaterAndAir => ((episode + 1) % 2) as f64,
             Self::Mixed { air, thin, thin_to, water } => {
                 let (which, at): (f64, f64) = (rng.random(), rng.random());
@@ -66,10 +111,47 @@ impl MediumDraw {
             }
         }
     }
+
+    /// Returns the lowest and highest density ratio that [`Self::density_ratio`] draws;
+    /// of its normal draws, those within [`RANGE_DEVIATIONS`].
+    fn density_range(&self) -> [f64; 2] {
+        let deviation = RANGE_DEVIATIONS / DRAWS_PER_RATIO;
+        match *self {
+            Self::Water => [1.0 - deviation, 1.0],
+            Self::Land => [0.0, deviation],
+            Self::WaterAndAir => [0.0, 1.0],
+            Self::Mixed { air, thin, thin_to, water } => {
+                let rest = 1.0 - (air + thin + water);
+                let parts = [
+                    (air, [0.0, 0.0]),
+                    (thin, [0.0, thin_to]),
+                    (water, [1.0, 1.0]),
+                    (rest, [0.0, 1.0]),
+                ];
+                let drawn = parts.into_iter().filter(|(share, _)| *share > 1e-9);
+                drawn.map(|(_, range)| range).reduce(union).unwrap_or([0.0, 1.0])
+            }
+        }
+    }
+}
+
+/// Returns the smallest range that holds both.
+fn union(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+    [a[0].min(b[0]), a[1].max(b[1])]
+}
+
+impl Config {
+    /// Returns the lowest and highest density ratio of all stages; of normal draws, those
+    /// within three standard deviations.
+    #[must_use]
+    pub fn density_range(&self) -> [f32; 2] {
+        let stages = self.stages.iter().map(|stage| stage.medium.density_range());
+        stages.reduce(union).unwrap_or([0.0, 1.0]).map(|rho| rho as f32)
+    }
 }
 
 impl Reward {
-    /// Of a step that led to `next`, or to a fall.
+    /// Returns the reward of a step to the apex `next`; `None` is a fall.
     #[must_use]
     pub fn of(&self, action: Action, next: Option<Apex>, density_ratio: f64) -> f64 {
         let Some(next) = next else { return self.fall };
@@ -84,7 +166,7 @@ impl Reward {
     }
 }
 
-/// Where an episode begins.
+/// The start of an episode.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Start {
     /// The first apex.
@@ -94,154 +176,156 @@ pub struct Start {
 }
 
 impl Start {
-    /// The start of the episode with this number.
+    /// Draws the start of an episode; `episode` counts from 0 in each stage.
     pub fn draw(config: &Config, medium: &MediumDraw, episode: u64, rng: &mut impl Rng) -> Self {
         let density_ratio = medium.density_ratio(episode, rng);
         Self { apex: config.episode.start(rng), density_ratio }
     }
 }
 
-/// How a led episode looks to the actor.
+/// The bias of a velocity-bias episode.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Lead {
-    /// Taken from the velocity that is shown, m/s.
+struct VelocityBias {
+    /// Subtracted from the velocity that the actor sees, m/s.
     offset_m_s: f64,
-    /// The speed that is rewarded, m/s.
+    /// Apex velocity at which the reward is highest, m/s.
     wanted_m_s: f64,
 }
 
 impl Episode {
-    /// How an episode is led, if it is.
-    fn lead(&self, density_ratio: f64, rng: &mut impl Rng) -> Option<Lead> {
+    /// Draws the bias of an episode; `None` for an episode without one.
+    fn velocity_bias(&self, density_ratio: f64, rng: &mut impl Rng) -> Option<VelocityBias> {
         let levels = self.led_from.iter().zip(self.led_share).rev();
         let share = levels.into_iter().find(|(from, _)| density_ratio >= **from)?.1;
         if share == 0.0 || rng.random::<f64>() >= share {
             return None;
         }
-        let pull: f64 = rng.random_range(0.3..1.2);
+        let strength: f64 = rng.random_range(0.3..1.2);
         let direction = if rng.random() { 1.0 } else { -1.0 };
-        let wanted_m_s = direction * pull / density_ratio;
-        Some(Lead { offset_m_s: wanted_m_s + direction * pull * self.lead_m_s, wanted_m_s })
+        let wanted_m_s = direction * strength / density_ratio;
+        let offset_m_s = wanted_m_s + direction * strength * self.lead_m_s;
+        Some(VelocityBias { offset_m_s, wanted_m_s })
     }
 }
 
-/// An episode under way.
+/// A running episode.
 #[derive(Clone, Debug)]
 pub struct Environment<'a> {
     config: &'a Config,
     hopper: Hopper,
     start: Start,
-    lead: Option<Lead>,
+    bias: Option<VelocityBias>,
     apex: Apex,
 }
 
-/// What a step led to.
+/// The outcome of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outcome {
-    /// The reward.
+    /// Reward of the step.
     pub reward: f64,
-    /// Whether the episode ended for good: a fall or an apex below 1 m.
+    /// Whether the episode ended with a fall or an apex below 1 m.
     pub ended: bool,
 }
 
 impl<'a> Environment<'a> {
-    /// A new episode.
+    /// Begins an episode without a velocity bias.
     ///
     /// # Panics
-    /// If the start's density ratio is not one; those that are drawn are.
+    /// If the start's density ratio is negative or not finite.
     #[must_use]
     pub fn new(config: &'a Config, start: Start) -> Self {
-        let medium = Medium::AIR.with_density_ratio(start.density_ratio).expect("a density ratio");
+        let medium = medium().with_density_ratio(start.density_ratio).expect("a density ratio");
         let tolerance = config.episode.tolerance.plant();
-        let hopper = Hopper::new(&Leg::human(), medium).with_tolerance(tolerance);
-        Self { config, hopper, start, lead: None, apex: start.apex }
+        let hopper = Hopper::new(&leg(), medium).with_tolerance(tolerance);
+        Self { config, hopper, start, bias: None, apex: start.apex }
     }
 
-    /// Led, if chance and the configuration will have it.
+    /// Adds a velocity bias with the configured probability.
     #[must_use]
-    pub fn perhaps_led(self, rng: &mut impl Rng) -> Self {
-        Self { lead: self.config.episode.lead(self.start.density_ratio, rng), ..self }
+    pub fn with_random_bias(self, rng: &mut impl Rng) -> Self {
+        Self { bias: self.config.episode.velocity_bias(self.start.density_ratio, rng), ..self }
     }
 
-    /// Where it began.
+    /// Returns the start of the episode.
     #[must_use]
     pub fn start(&self) -> Start {
         self.start
     }
 
-    /// Whether it is led.
+    /// Whether this is a velocity-bias episode.
     #[must_use]
-    pub fn is_led(&self) -> bool {
-        self.lead.is_some()
+    pub fn is_biased(&self) -> bool {
+        self.bias.is_some()
     }
 
-    /// The episode's density ratio.
+    /// Returns the episode's density ratio.
     #[must_use]
     pub fn density_ratio(&self) -> f64 {
         self.start.density_ratio
     }
 
-    /// The scaled observation, as the networks see it.
+    /// Returns the scaled observation, which is the networks' input.
     #[must_use]
     pub fn observation(&self) -> [f32; 3] {
         let network = &self.config.network;
-        let offset_m_s = self.lead.map_or(0.0, |lead| lead.offset_m_s);
+        let offset_m_s = self.bias.map_or(0.0, |bias| bias.offset_m_s);
         let seen = [self.apex.vx_m_s - offset_m_s, self.apex.y_m, self.start.density_ratio];
         let seen = seen.map(|x| x as f32);
         [0, 1, 2].map(|i| (seen[i] - network.observation_offset[i]) * network.observation_scale[i])
     }
 
-    /// The apex that the next step starts from.
+    /// Returns the apex that the next step starts from.
     #[must_use]
     pub fn apex(&self) -> Apex {
         self.apex
     }
 
-    /// One step with an action in unit space, clipped to the leg's bounds.
+    /// Takes a step with an action in unit space, clipped to the leg's bounds.
     pub fn step(&mut self, unit: [f32; 2]) -> Outcome {
         let n = &self.config.network;
         self.act([0, 1].map(|i| f64::from(n.action_offset[i] + n.action_scale[i] * unit[i])))
     }
 
-    /// One step with an action in rad and m/s, clipped to the leg's bounds.
+    /// Takes a step with an action in rad and m/s, clipped to the leg's bounds.
     pub fn act(&mut self, action: [f64; 2]) -> Outcome {
         let n = &self.config.network;
         let [touchdown_angle_rad, elongation_speed_m_s] = [0, 1]
             .map(|i| action[i].clamp(f64::from(n.action_low[i]), f64::from(n.action_high[i])));
         let action = Action { touchdown_angle_rad, elongation_speed_m_s };
         let next = self.hopper.hop(self.apex, action).outcome.next();
-        let reward = match self.lead {
+        let reward = match self.bias {
             None => self.config.reward.of(action, next, self.start.density_ratio),
-            Some(Lead { wanted_m_s, .. }) => {
+            Some(VelocityBias { wanted_m_s, .. }) => {
                 let relative = |apex: Apex| Apex { vx_m_s: apex.vx_m_s - wanted_m_s, ..apex };
                 let any_height = Reward { height: 0.0, ..self.config.reward.clone() };
                 any_height.of(action, next.map(relative), self.start.density_ratio)
             }
         };
-        let standing = next.filter(|apex| apex.y_m >= LOWEST_APEX_M);
-        // What follows an end is never bootstrapped from; keep it finite all the same.
+        let ended = next.is_none_or(|apex| apex.y_m < LOWEST_APEX_M);
+        // No update uses the value of this state, but its bits enter the networks.
         self.apex = next.unwrap_or(Apex { vx_m_s: 0.0, y_m: 0.0 });
-        Outcome { reward, ended: standing.is_none() }
+        Outcome { reward, ended }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Environment, Start, draw_start};
+    use super::{Environment, Start, draw_start, gravity_m_s2, leg_model};
     use crate::config::MediumDraw;
     use crate::preset::Preset;
+    use leg_control::leg::LegModel;
     use leg_plant::{Action, Apex};
     use rand::SeedableRng;
     use rand_pcg::Pcg64;
 
     #[test]
-    fn rewards_are_those_of_the_published_data() {
+    fn rewards_equal_those_of_the_published_data() {
         let reward = Preset::Air.config().reward;
         let action = Action { touchdown_angle_rad: 1.5, elongation_speed_m_s: 1.0 };
         let at = |vx_m_s, y_m| reward.of(action, Some(Apex { vx_m_s, y_m }), 0.0);
         assert_eq!(at(1.0, 2.0), 2_f64.log10());
         assert_eq!(at(-1.0, 2.0), at(1.0, 2.0));
-        // The last apex is paid although it is low; a fall is not.
+        // The published data reward a last apex below 1 m, and no fall.
         assert_eq!(at(1.0, 0.5), 2_f64.log10());
         assert_eq!(reward.of(action, None, 0.0), 0.0);
         let robust = Preset::Robust.config().reward;
@@ -253,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn densities_and_starts_are_drawn_as_documented() {
+    fn density_ratios_and_starts_have_the_documented_distributions() {
         let mut rng = Pcg64::seed_from_u64(3);
         let mut of = |medium: MediumDraw| -> Vec<f64> {
             (0..20_000).map(|i| medium.density_ratio(i, &mut rng)).collect()
@@ -277,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn an_episode_hops_until_it_ends() {
+    fn an_episode_with_a_leg_far_back_ends_in_a_fall() {
         let config = Preset::Robust.config();
         let mut rng = Pcg64::seed_from_u64(1);
         let start = Start::draw(&config, &MediumDraw::Water, 0, &mut rng);
@@ -285,37 +369,59 @@ mod tests {
         assert!(environment.observation().iter().all(|x| x.is_finite()));
         let outcome = environment.step([-1.0, 0.0]);
         assert!(outcome.reward.is_finite());
-        // A leg stretched far back catches nothing.
+        // A leg far behind the body does not catch its fall.
         let ended = (0..50).any(|_| environment.step([-1.0, -1.0]).ended);
         assert!(ended);
     }
 
     #[test]
-    fn a_led_episode_shows_too_little_velocity_and_rewards_the_wanted_speed() {
+    fn a_biased_episode_hides_velocity_and_rewards_the_wanted_speed() {
         let config = Preset::Robust.config();
         let mut rng = Pcg64::seed_from_u64(1);
         let apex = Apex { vx_m_s: 0.5, y_m: 1.5 };
-        let mut led = 0;
+        let mut biased = 0;
         for _ in 0..1000 {
             let start = Start { apex, density_ratio: 0.9 };
             let plain = Environment::new(&config, start);
-            let mut environment = plain.clone().perhaps_led(&mut rng);
-            let Some(lead) = environment.lead else { continue };
-            led += 1;
-            let pull = lead.wanted_m_s.abs() * 0.9;
-            assert!((0.3..1.2).contains(&pull), "{pull}");
-            let ahead = lead.offset_m_s - lead.wanted_m_s;
-            assert!((ahead - lead.wanted_m_s.signum() * 3.0 * pull).abs() < 1e-12);
+            let mut environment = plain.clone().with_random_bias(&mut rng);
+            let Some(bias) = environment.bias else { continue };
+            biased += 1;
+            let strength = bias.wanted_m_s.abs() * 0.9;
+            assert!((0.3..1.2).contains(&strength), "{strength}");
+            let ahead = bias.offset_m_s - bias.wanted_m_s;
+            assert!((ahead - bias.wanted_m_s.signum() * 3.0 * strength).abs() < 1e-12);
             let shown = environment.observation()[0] / config.network.observation_scale[0];
-            assert!((f64::from(shown) - (0.5 - lead.offset_m_s)).abs() < 1e-5);
+            assert!((f64::from(shown) - (0.5 - bias.offset_m_s)).abs() < 1e-5);
             let outcome = environment.act([1.5, 1.0]);
-            let missing = (environment.apex().vx_m_s - lead.wanted_m_s).abs();
+            let missing = (environment.apex().vx_m_s - bias.wanted_m_s).abs();
             let stopping = (1.0 + 1.0 / missing).log10().min(2.0);
             assert!((outcome.reward - stopping).abs() < 1e-6, "{outcome:?} {stopping}");
         }
-        assert!((430..570).contains(&led), "{led}");
+        assert!((430..570).contains(&biased), "{biased}");
         let thin = Start { apex, density_ratio: 0.6 };
-        let any = (0..100).any(|_| Environment::new(&config, thin).perhaps_led(&mut rng).is_led());
-        assert!(!any);
+        let mut biased = (0..100)
+            .map(|_| Environment::new(&config, thin).with_random_bias(&mut rng).is_biased());
+        assert!(biased.all(|biased| !biased));
+    }
+
+    #[test]
+    fn the_density_range_covers_all_stages() {
+        for (preset, range) in [
+            (Preset::Water, [0.7, 1.0]),
+            (Preset::Air, [0.0, 0.3]),
+            (Preset::WaterToAir, [0.0, 1.0]),
+            (Preset::Universal, [0.0, 1.0]),
+            (Preset::Robust, [0.0, 1.0]),
+        ] {
+            assert_eq!(preset.config().density_range(), range, "{preset:?}");
+        }
+        let thin = MediumDraw::Mixed { air: 0.5, thin: 0.5, thin_to: 0.1, water: 0.0 };
+        assert_eq!(thin.density_range(), [0.0, 0.1]);
+    }
+
+    #[test]
+    fn the_policy_file_states_the_leg_and_gravity_of_the_environment() {
+        assert_eq!(leg_model(), LegModel::HUMAN);
+        assert_eq!(gravity_m_s2(), [9.81; 2]);
     }
 }

@@ -5,17 +5,17 @@ use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
-/// The noise and its memory.
+/// A source of exploration noise, in unit space.
 #[derive(Clone, Debug)]
 pub struct Noise {
     kind: Exploration,
-    /// Standard deviation at present.
+    /// Present standard deviation.
     deviation: f32,
     /// State of the Ornstein-Uhlenbeck process.
     state: [f32; 2],
 }
 
-/// The memory of the noise, as it is kept in a checkpoint.
+/// The state of a noise source, as a checkpoint stores it.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct NoiseState {
     deviation: f32,
@@ -23,7 +23,7 @@ pub struct NoiseState {
 }
 
 impl Noise {
-    /// At the start of a stage.
+    /// Returns the noise source for the start of a stage.
     #[must_use]
     pub fn new(kind: &Exploration) -> Self {
         let deviation = match kind {
@@ -33,20 +33,20 @@ impl Noise {
         Self { kind: kind.clone(), deviation, state: [0.0; 2] }
     }
 
-    /// What it remembers.
+    /// Returns the state to store in a checkpoint.
     #[must_use]
     pub fn state(&self) -> NoiseState {
         NoiseState { deviation: self.deviation, state: self.state }
     }
 
-    /// Goes on from what another of the same kind remembered.
+    /// Restores a source of the same kind from its state.
     #[must_use]
     pub fn from_state(kind: &Exploration, state: NoiseState) -> Self {
         Self { kind: kind.clone(), deviation: state.deviation, state: state.state }
     }
 
-    /// At the start of an episode.
-    pub fn begin(&mut self, rng: &mut impl Rng) {
+    /// Begins an episode: resets the process, or draws the episode's deviation.
+    pub fn begin_episode(&mut self, rng: &mut impl Rng) {
         self.state = [0.0; 2];
         if let Exploration::Gaussian { deviation: [low, high] } = self.kind {
             let at = rng.random::<f32>();
@@ -54,7 +54,7 @@ impl Noise {
         }
     }
 
-    /// For the next step.
+    /// Returns the noise of the next step, in unit space.
     pub fn next(&mut self, rng: &mut impl Rng) -> [f32; 2] {
         let normal = [0; 2].map(|_| StandardNormal.sample(rng)).map(|n: f32| self.deviation * n);
         match self.kind {
@@ -69,9 +69,9 @@ impl Noise {
         }
     }
 
-    /// Whether the replay buffer keeps the action as the environment clips it.
+    /// Whether the replay buffer stores actions as the environment clips them.
     #[must_use]
-    pub fn keeps_clipped(&self) -> bool {
+    pub fn stores_clipped(&self) -> bool {
         !matches!(self.kind, Exploration::OrnsteinUhlenbeck { keep_unclipped: true, .. })
     }
 }
@@ -84,7 +84,7 @@ mod tests {
     use rand_pcg::Pcg64;
 
     #[test]
-    fn ornstein_uhlenbeck_has_its_stationary_deviation_and_decays() {
+    fn ornstein_uhlenbeck_noise_reaches_its_stationary_variance_and_decays() {
         let kind = |decay| Exploration::OrnsteinUhlenbeck {
             attraction: 0.15,
             deviation: 0.6,
@@ -93,10 +93,10 @@ mod tests {
         };
         let mut rng = Pcg64::seed_from_u64(1);
         let mut noise = Noise::new(&kind(0.0));
-        noise.begin(&mut rng);
+        noise.begin_episode(&mut rng);
         let n = 100_000;
         let sum: f32 = (0..n).map(|_| noise.next(&mut rng)[0].powi(2)).sum();
-        // Of x' = 0.85 x + n: 0.36 / (1 - 0.85^2).
+        // The variance of x' = 0.85 x + n is 0.36 / (1 - 0.85^2).
         let variance = sum / n as f32;
         assert!((variance - 1.297).abs() < 0.05, "{variance}");
         let mut noise = Noise::new(&kind(1e-3));
@@ -105,16 +105,16 @@ mod tests {
     }
 
     #[test]
-    fn each_episode_has_its_own_deviation_within_the_range() {
+    fn gaussian_noise_draws_a_log_uniform_deviation_for_each_episode() {
         let mut rng = Pcg64::seed_from_u64(1);
         let mut noise = Noise::new(&Exploration::Gaussian { deviation: [0.003, 0.4] });
         let mut below = 0;
         for _ in 0..1000 {
-            noise.begin(&mut rng);
+            noise.begin_episode(&mut rng);
             assert!((0.003..=0.4001).contains(&noise.deviation));
             below += usize::from(noise.deviation < 0.0346);
         }
-        // Half of them below the geometric mean.
+        // Half of a log-uniform distribution lies below the geometric mean.
         assert!((450..550).contains(&below), "{below}");
     }
 }

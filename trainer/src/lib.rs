@@ -11,13 +11,14 @@ pub mod ddpg;
 pub mod environment;
 pub mod evaluate;
 pub mod explore;
-pub mod finish;
+pub mod failed_starts;
 mod lines;
 pub mod net;
 pub mod policy;
 pub mod preset;
 pub mod replay;
-pub mod retry;
+pub mod trained;
+
 pub mod run;
 pub mod simd;
 pub mod study;

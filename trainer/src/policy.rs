@@ -1,34 +1,35 @@
-//! From trained layers to the policy file that the controller flies, and back.
+//! The policy file: from trained layers to the blob that the controller runs, and back.
 
-use crate::config::{Config, MediumDraw, Stage};
+use crate::config::Config;
+use crate::environment::{gravity_m_s2, leg_model};
 use crate::net::mlp::Layer;
 use leg_control::actor::{
     ActionScaling, Actor, ObservationScaling, PANEL_ROWS, ShapeError, Widths, pack,
 };
-use leg_control::leg::LegModel;
 use leg_control::policy::{
     GainPoint, GainSchedule, Manifest, Media, Policy, Provenance, WriteError, write,
 };
 use leg_process::policy_file::AlignedBytes;
 
-/// An actor by itself: packed weights and scalings.
+/// An actor on its own: its weights in the controller's order, and its scalings.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Frozen {
-    /// Widths from the inputs to the outputs.
+pub struct PackedActor {
+    /// Width of every layer, from the inputs to the outputs.
     pub widths: Widths,
-    /// From an observation to the network's inputs.
+    /// Maps an observation (m/s, m, density ratio) to the network's inputs.
     pub observation: ObservationScaling,
-    /// From the network's outputs to an action.
+    /// Maps the network's outputs to an action (rad, m/s).
     pub action: ActionScaling,
-    /// Weights as the controller's kernel reads them.
-    pub packed: Vec<f32>,
+    /// Weights and biases as the controller's kernel reads them, in panels of
+    /// [`PANEL_ROWS`] rows.
+    pub weights: Vec<f32>,
 }
 
-impl Frozen {
-    /// Of layers in natural order. Only widths that an actor may have pass.
+impl PackedActor {
+    /// Packs layers whose weights are stored row by row, one row an output.
     ///
     /// # Errors
-    /// [`ShapeError`] when the layers are not those of an actor.
+    /// [`ShapeError`] when the number of layers or a width is not one of an actor.
     pub fn new(
         layers: &[Layer],
         observation: ObservationScaling,
@@ -40,20 +41,20 @@ impl Frozen {
         for inputs in layers.iter().map(|l| l.inputs).take(1) {
             widths.push(width(inputs)).map_err(|_| too_many())?;
         }
-        let mut packed = Vec::new();
+        let mut weights = Vec::new();
         for layer in layers {
             widths.push(width(layer.bias.len())).map_err(|_| too_many())?;
-            pack(&layer.weights, &layer.bias, layer.inputs, |x| packed.push(x));
+            pack(&layer.weights, &layer.bias, layer.inputs, |x| weights.push(x));
         }
-        let frozen = Self { widths, observation, action, packed };
-        Actor::new(frozen.widths.clone(), observation, action, &frozen.packed)?;
-        Ok(frozen)
+        let packed = Self { widths, observation, action, weights };
+        Actor::new(packed.widths.clone(), observation, action, &packed.weights)?;
+        Ok(packed)
     }
 
-    /// Of layers trained under a configuration.
+    /// Packs layers that were trained under `config`, with its scalings.
     ///
     /// # Panics
-    /// Never: what is trained here is an actor.
+    /// Never: every agent of this crate is a valid actor.
     #[must_use]
     pub fn trained(config: &Config, layers: &[Layer; 3]) -> Self {
         let n = &config.network;
@@ -68,10 +69,10 @@ impl Frozen {
         Self::new(layers, observation, action).expect("an actor 3-50-50-2")
     }
 
-    /// The layers in natural order, as [`Self::new`] takes them.
+    /// Returns the layers in the form that [`Self::new`] takes.
     #[must_use]
     pub fn layers(&self) -> Vec<Layer> {
-        let mut rest = self.packed.as_slice();
+        let mut rest = self.weights.as_slice();
         let pairs = self.widths.iter().zip(self.widths.iter().skip(1));
         pairs
             .map(|(&inputs, &outputs)| {
@@ -82,30 +83,30 @@ impl Frozen {
             .collect()
     }
 
-    /// The actor as the controller runs it.
+    /// Returns the actor as the controller evaluates it.
     ///
     /// # Panics
-    /// If the public fields were changed to what does not belong together.
+    /// If the public fields were changed so that they no longer fit together.
     #[must_use]
     pub fn actor(&self) -> Actor<'_> {
-        Actor::new(self.widths.clone(), self.observation, self.action, &self.packed)
-            .expect("checked when made")
+        Actor::new(self.widths.clone(), self.observation, self.action, &self.weights)
+            .expect("checked by PackedActor::new")
     }
 }
 
-impl From<&Policy<'_>> for Frozen {
+impl From<&Policy<'_>> for PackedActor {
     fn from(policy: &Policy<'_>) -> Self {
         let manifest = policy.manifest();
         Self {
             widths: manifest.widths.clone(),
             observation: manifest.observation,
             action: manifest.action,
-            packed: policy.actor().weights().to_vec(),
+            weights: policy.actor().weights().to_vec(),
         }
     }
 }
 
-/// One layer of packed weights in natural order: what [`pack`] does, undone.
+/// Undoes [`pack`] for one layer of `inputs` by `outputs`.
 fn unpack(packed: &[f32], inputs: usize, outputs: usize) -> Layer {
     let mut layer =
         Layer { inputs, weights: vec![0.0; inputs * outputs], bias: Vec::with_capacity(outputs) };
@@ -123,86 +124,74 @@ fn unpack(packed: &[f32], inputs: usize, outputs: usize) -> Layer {
     layer
 }
 
-/// What a policy file says beside its actor.
+/// What a policy file states about its actor: name, origin and recommended gains.
 #[derive(Clone, Debug, PartialEq)]
-pub struct About<'a> {
-    /// What to call it.
+pub struct PolicyInfo<'a> {
+    /// Name of the policy.
     pub name: &'a str,
-    /// Preset, or where it was imported from.
+    /// Preset of the training, or the source of an imported actor.
     pub preset: &'a str,
     /// Seed of the training.
     pub seed: u64,
     /// Environment steps trained.
     pub steps: u64,
-    /// Density ratios trained in, lowest and highest.
+    /// Lowest and highest density ratio of the training.
     pub density_ratio: [f32; 2],
-    /// Configuration, TOML.
+    /// Configuration of the training, TOML.
     pub config: &'a str,
-    /// Recommended gains.
+    /// Recommended gains of the velocity cascade, by ascending density ratio.
     pub gains: &'a [GainPoint],
 }
 
-/// The blob of an actor, at a 4-byte aligned address.
+/// Writes the policy blob of an actor, at a 4-byte aligned address. Leg and gravity are
+/// those that every training uses ([`crate::environment`]).
 ///
 /// # Errors
-/// [`WriteError`] when the controller would refuse it.
-pub fn blob(frozen: &Frozen, about: &About<'_>) -> Result<AlignedBytes, WriteError> {
-    let gains: GainSchedule = about.gains.iter().copied().collect();
+/// [`WriteError`] when the controller would refuse the blob.
+pub fn blob(actor: &PackedActor, info: &PolicyInfo<'_>) -> Result<AlignedBytes, WriteError> {
+    let gains: GainSchedule = info.gains.iter().copied().collect();
     let manifest = Manifest {
-        name: about.name,
-        widths: frozen.widths.clone(),
-        observation: frozen.observation,
-        action: frozen.action,
-        leg: LegModel::HUMAN,
-        media: Media { density_ratio: about.density_ratio, gravity_m_s2: [9.81; 2] },
+        name: info.name,
+        widths: actor.widths.clone(),
+        observation: actor.observation,
+        action: actor.action,
+        leg: leg_model(),
+        media: Media { density_ratio: info.density_ratio, gravity_m_s2: gravity_m_s2() },
         provenance: Provenance {
-            preset: about.preset,
-            seed: about.seed,
-            steps: about.steps,
+            preset: info.preset,
+            seed: info.seed,
+            steps: info.steps,
             trainer_version: env!("CARGO_PKG_VERSION"),
-            config: about.config,
+            config: info.config,
         },
         gains,
     };
-    blob_of(&manifest, &frozen.packed)
+    blob_with_manifest(&manifest, &actor.weights)
 }
 
-/// The blob of packed weights under a manifest, at a 4-byte aligned address.
+/// Writes the policy blob of packed weights under a manifest, at a 4-byte aligned address.
 ///
 /// # Errors
-/// [`WriteError`] when the controller would refuse it.
-pub fn blob_of(manifest: &Manifest<'_>, packed: &[f32]) -> Result<AlignedBytes, WriteError> {
-    let room = 4 * packed.len() + manifest.provenance.config.len() + 4096;
-    let mut bytes = AlignedBytes::zeros(room);
-    let len = write(manifest, packed, bytes.as_mut_slice())?;
+/// [`WriteError`] when the controller would refuse the blob.
+pub fn blob_with_manifest(
+    manifest: &Manifest<'_>,
+    weights: &[f32],
+) -> Result<AlignedBytes, WriteError> {
+    let capacity = 4 * weights.len() + manifest.provenance.config.len() + 4096;
+    let mut bytes = AlignedBytes::zeros(capacity);
+    let len = write(manifest, weights, bytes.as_mut_slice())?;
     bytes.truncate(len);
     Ok(bytes)
 }
 
-impl Config {
-    /// Density ratios trained in, lowest and highest of all stages (for the normal
-    /// draws: within three standard deviations).
-    #[must_use]
-    pub fn density_range(&self) -> [f32; 2] {
-        let of = |stage: &Stage| match stage.medium {
-            MediumDraw::Water => [0.7, 1.0],
-            MediumDraw::Land => [0.0, 0.3],
-            MediumDraw::WaterAndAir | MediumDraw::Mixed { .. } => [0.0, 1.0],
-        };
-        let union = |a: [f32; 2], b: [f32; 2]| [a[0].min(b[0]), a[1].max(b[1])];
-        self.stages.iter().map(of).reduce(union).unwrap_or([0.0, 1.0])
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::Frozen;
+    use super::PackedActor;
     use crate::net::mlp::Layer;
-    use crate::preset::Preset;
     use leg_control::actor::{ActionScaling, ObservationScaling};
 
     #[test]
-    fn layers_come_back_out_of_the_packed_weights() {
+    fn unpacking_returns_the_layers_that_were_packed() {
         // Widths that fill a panel, fall short of one, and run over several.
         for hidden in [1, 9, 10, 11, 50, 128] {
             let layer = |inputs: usize, outputs: usize| Layer {
@@ -213,21 +202,8 @@ mod tests {
             let layers = [layer(3, hidden), layer(hidden, 37), layer(37, 2)];
             let action =
                 ActionScaling { scale: [1.0; 2], offset: [0.0; 2], low: [0.0; 2], high: [1.0; 2] };
-            let frozen = Frozen::new(&layers, ObservationScaling::IDENTITY, action).unwrap();
-            assert_eq!(frozen.layers(), layers);
-        }
-    }
-
-    #[test]
-    fn the_densities_are_those_of_all_stages() {
-        for (preset, range) in [
-            (Preset::Water, [0.7, 1.0]),
-            (Preset::Air, [0.0, 0.3]),
-            (Preset::WaterToAir, [0.0, 1.0]),
-            (Preset::Universal, [0.0, 1.0]),
-            (Preset::Robust, [0.0, 1.0]),
-        ] {
-            assert_eq!(preset.config().density_range(), range, "{preset:?}");
+            let packed = PackedActor::new(&layers, ObservationScaling::IDENTITY, action).unwrap();
+            assert_eq!(packed.layers(), layers);
         }
     }
 }

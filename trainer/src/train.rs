@@ -2,19 +2,19 @@
 
 mod state;
 
-pub use state::{TrainingState, Unfit};
+pub use state::{StateError, TrainingState};
 
 use crate::config::{Config, Critic, InitialWeights, Length, Network};
 use crate::ddpg::{
     ACTOR_HIDDEN, Agent, Ddpg, JointDdpg50, JointDdpg100, PaperDdpg, Rates, UnitOutput, Update,
 };
 use crate::environment::{Environment, Start};
-use crate::evaluate::selection::{Selector, Standing};
+use crate::evaluate::selection::{Score, Selector};
 use crate::explore::Noise;
+use crate::failed_starts::FailedStarts;
 use crate::net::mlp::Layer;
-use crate::policy::Frozen;
+use crate::policy::PackedActor;
 use crate::replay::{Replay, Transition};
-use crate::retry::Fallen;
 use crate::simd::Isa;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -42,7 +42,7 @@ pub struct EpisodeRecord {
 /// Training went to infinity.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("training diverged at step {step}: {seen}; lower the learning rates, or take another seed")]
-pub struct Diverged {
+pub struct DivergenceError {
     /// The environment step.
     pub step: u64,
     /// What was not finite.
@@ -88,7 +88,7 @@ pub struct Training {
     agent: Box<dyn Agent>,
     replay: Replay,
     noise: Noise,
-    fallen: Fallen,
+    failed_starts: FailedStarts,
     environment_rng: Pcg64,
     noise_rng: Pcg64,
     batch_rng: Pcg64,
@@ -117,7 +117,7 @@ impl Training {
             selector,
             replay: Replay::new(config.learning.replay_capacity),
             noise: Noise::new(&config.exploration),
-            fallen: Fallen::default(),
+            failed_starts: FailedStarts::default(),
             environment_rng: Pcg64::from_rng(&mut root),
             noise_rng: Pcg64::from_rng(&mut root),
             batch_rng: Pcg64::from_rng(&mut root),
@@ -206,8 +206,8 @@ impl Training {
     /// The next episode; `None` when all stages are done.
     ///
     /// # Errors
-    /// [`Diverged`] when a gradient, a reward, an action or a value is not finite.
-    pub fn episode(&mut self) -> Result<Option<EpisodeRecord>, Diverged> {
+    /// [`DivergenceError`] when a gradient, a reward, an action or a value is not finite.
+    pub fn episode(&mut self) -> Result<Option<EpisodeRecord>, DivergenceError> {
         if self.stage == self.config.stages.len() {
             return Ok(None);
         }
@@ -220,9 +220,9 @@ impl Training {
                 unreachable!("the check asks for a last stage counted in steps");
             };
             if selector.is_due(self.steps, all) {
-                let standing = self.config.learning.actor_averaging > 0.0;
-                let frozen = Frozen::trained(&self.config, &self.agent.actor(standing));
-                selector.consider(frozen, self.total_steps);
+                let averaged = self.config.learning.actor_averaging > 0.0;
+                let packed = PackedActor::trained(&self.config, &self.agent.actor(averaged));
+                selector.evaluate(packed, self.total_steps);
             }
         }
         if self.share_of_stage() >= 1.0 {
@@ -231,7 +231,7 @@ impl Training {
             self.episodes = 0;
             self.replay = Replay::new(self.config.learning.replay_capacity);
             self.noise = Noise::new(&self.config.exploration);
-            self.fallen = Fallen::default();
+            self.failed_starts = FailedStarts::default();
         }
         Ok(Some(record))
     }
@@ -242,14 +242,14 @@ impl Training {
         self.agent.update(&self.replay, &rates, &mut self.batch_rng)
     }
 
-    fn play(&mut self) -> Result<EpisodeRecord, Diverged> {
+    fn play(&mut self) -> Result<EpisodeRecord, DivergenceError> {
         let config = &self.config;
         let stage = &config.stages[self.stage];
         let rng = &mut self.environment_rng;
         let mut start = Start::draw(config, &stage.medium, self.episodes, rng);
-        self.fallen.retry(config.episode.retry_share, &mut start, rng);
-        let mut environment = Environment::new(config, start).perhaps_led(rng);
-        self.noise.begin(&mut self.noise_rng);
+        self.failed_starts.replay(config.episode.retry_share, &mut start, rng);
+        let mut environment = Environment::new(config, start).with_random_bias(rng);
+        self.noise.begin_episode(&mut self.noise_rng);
         self.total_episodes += 1;
         let start = environment.observation();
         let first = self.agent.act(start);
@@ -262,7 +262,7 @@ impl Training {
             steps: 0,
             q0: self.agent.value(start, first),
         };
-        let diverged = |step, seen| Err(Diverged { step, seen });
+        let diverged = |step, seen| Err(DivergenceError { step, seen });
         if !first.iter().all(|u| u.is_finite()) {
             return diverged(self.total_steps, NotFinite::Action(first));
         }
@@ -313,8 +313,8 @@ impl Training {
             }
             if outcome.ended {
                 // Of random actions a fall says nothing; nor of a leg that was led.
-                if self.steps > learning.random_steps && !environment.is_led() {
-                    self.fallen.push(environment.start());
+                if self.steps > learning.random_steps && !environment.is_biased() {
+                    self.failed_starts.push(environment.start());
                 }
                 break;
             }
@@ -325,12 +325,12 @@ impl Training {
 
     /// The actor to keep, and how the selection saw it where there was one.
     #[must_use]
-    pub fn kept(&self) -> (Frozen, Option<Standing>) {
-        if let Some((frozen, standing)) = self.selector.as_ref().and_then(Selector::best) {
-            return (frozen.clone(), Some(standing));
+    pub fn best_actor(&self) -> (PackedActor, Option<Score>) {
+        if let Some((packed, score)) = self.selector.as_ref().and_then(Selector::best) {
+            return (packed.clone(), Some(score));
         }
         let averaged = self.config.learning.actor_averaging > 0.0;
-        (Frozen::trained(&self.config, &self.agent.actor(averaged)), None)
+        (PackedActor::trained(&self.config, &self.agent.actor(averaged)), None)
     }
 }
 
@@ -351,7 +351,7 @@ fn explore(
         let (action, noise) = (agent.act(observation), noise.next(rng));
         [0, 1].map(|i| action[i] + noise[i])
     };
-    if !noise.keeps_clipped() {
+    if !noise.stores_clipped() {
         return action;
     }
     [0, 1].map(|i| {

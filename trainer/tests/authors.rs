@@ -11,19 +11,19 @@ use trainer::evaluate::conditions::{Change, Condition};
 use trainer::evaluate::hopper;
 use trainer::evaluate::survival::{Survival, draw_starts, survival};
 use trainer::evaluate::tracking::{highest_speed, track};
-use trainer::policy::Frozen;
+use trainer::policy::PackedActor;
 
 /// A published actor. Where the folder is there, so must the actor be.
-fn imported(name: &str) -> Option<Frozen> {
+fn imported(name: &str) -> Option<PackedActor> {
     let path = requirements::reference_data()?.join(format!("actor_{name}.json"));
     let text = std::fs::read_to_string(&path)
         .unwrap_or_else(|e| panic!("{}: {e}; is LEG_REFERENCE_DATA right?", path.display()));
     Some(from_json(&text).unwrap_or_else(|e| panic!("{name}: {e}")))
 }
 
-fn at(frozen: &Frozen, rho: f64) -> Survival {
+fn at(packed: &PackedActor, rho: f64) -> Survival {
     let starts = draw_starts(2000, &mut Pcg64::seed_from_u64(11));
-    survival(&frozen.actor(), &hopper(rho), rho, &starts)
+    survival(&packed.actor(), &hopper(rho), rho, &starts)
 }
 
 /// Expected survive30, median and 95 % |v|, reward over five steps.

@@ -11,16 +11,16 @@ use std::collections::HashMap;
 use std::io::Write;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
-use trainer::bridge::card::KEY;
-use trainer::bridge::draft::{Draft, Given};
+use trainer::bridge::imported::{ImportOptions, ImportedActor};
+use trainer::bridge::model_card::KEY;
 use trainer::bridge::{ImportError, onnx, safetensors as st};
-use trainer::policy::Frozen;
+use trainer::policy::PackedActor;
 
 fn shipped() -> Policy<'static> {
     Policy::parse(SHIPPED).unwrap()
 }
 
-type Import = fn(&[u8]) -> Result<Draft, ImportError>;
+type Import = fn(&[u8]) -> Result<ImportedActor, ImportError>;
 
 fn imports() -> [(Vec<u8>, Import); 2] {
     let policy = shipped();
@@ -33,11 +33,11 @@ fn imports() -> [(Vec<u8>, Import); 2] {
 #[test]
 fn a_policy_comes_back_bit_for_bit() {
     for (bytes, import) in imports() {
-        let imported = import(&bytes).unwrap().complete(&Given::default()).unwrap();
-        assert_eq!(imported.frozen, Frozen::from(&shipped()));
+        let imported = import(&bytes).unwrap().complete(&ImportOptions::default()).unwrap();
+        assert_eq!(imported.packed, PackedActor::from(&shipped()));
         assert!(imported.assumed.is_empty(), "{:?}", imported.assumed);
         let card = imported.card.expect("the weights are those it was written for");
-        assert_eq!(card.policy(&imported.frozen).unwrap().as_slice(), SHIPPED);
+        assert_eq!(card.policy(&imported.packed).unwrap().as_slice(), SHIPPED);
     }
     // The same file every time, whatever the order of a hash map.
     for (first, second) in imports().into_iter().zip(imports()) {
@@ -50,15 +50,15 @@ fn a_card_does_not_vouch_for_other_weights() {
     let (bytes, import) = imports().into_iter().next().unwrap();
     let mut draft = import(&bytes).unwrap();
     draft.layers[1].weights[7] += 1e-3;
-    let imported = draft.complete(&Given::default()).unwrap();
+    let imported = draft.complete(&ImportOptions::default()).unwrap();
     assert_eq!(imported.card, None);
-    assert_eq!(imported.frozen.observation, Frozen::from(&shipped()).observation);
+    assert_eq!(imported.packed.observation, PackedActor::from(&shipped()).observation);
 }
 
 #[test]
 fn what_the_file_says_cannot_be_said_otherwise() {
     for (bytes, import) in imports() {
-        let given = Given { action_scale: Some([1.0, 1.0]), ..Given::default() };
+        let given = ImportOptions { action_scale: Some([1.0, 1.0]), ..ImportOptions::default() };
         let error = import(&bytes).unwrap().complete(&given).unwrap_err();
         assert_eq!(error.to_string(), "--action-scale: the file has its own; leave the option out");
     }
@@ -66,21 +66,21 @@ fn what_the_file_says_cannot_be_said_otherwise() {
 
 /// The shipped actor as another program would save it.
 fn foreign(prefix: &str, dtype: Dtype, change: impl Fn(&str, &mut Vec<f64>)) -> Vec<u8> {
-    let layers = Frozen::from(&shipped()).layers();
+    let layers = PackedActor::from(&shipped()).layers();
     let mut tensors = Vec::new();
     for (i, layer) in layers.iter().enumerate() {
         let outputs = layer.bias.len();
-        for (kind, figures, shape) in [
+        for (kind, numbers, shape) in [
             ("weight", &layer.weights, vec![outputs, layer.inputs]),
             ("bias", &layer.bias, vec![outputs]),
         ] {
             let name = format!("{prefix}{}.{kind}", 2 * i);
-            let mut figures = figures.iter().map(|&x| f64::from(x)).collect();
-            change(&name, &mut figures);
+            let mut numbers = numbers.iter().map(|&x| f64::from(x)).collect();
+            change(&name, &mut numbers);
             let data: Vec<u8> = match dtype {
-                Dtype::F64 => figures.iter().flat_map(|x| x.to_le_bytes()).collect(),
-                Dtype::F32 => figures.iter().flat_map(|x| (*x as f32).to_le_bytes()).collect(),
-                _ => figures.iter().flat_map(|_| [0, 0]).collect(),
+                Dtype::F64 => numbers.iter().flat_map(|x| x.to_le_bytes()).collect(),
+                Dtype::F32 => numbers.iter().flat_map(|x| (*x as f32).to_le_bytes()).collect(),
+                _ => numbers.iter().flat_map(|_| [0, 0]).collect(),
             };
             tensors.push((name, shape, data));
         }
@@ -93,18 +93,18 @@ fn foreign(prefix: &str, dtype: Dtype, change: impl Fn(&str, &mut Vec<f64>)) -> 
 
 #[test]
 fn a_state_dict_of_another_program_is_read() {
-    let own = Frozen::from(&shipped());
+    let own = PackedActor::from(&shipped());
     for (prefix, dtype) in [("", Dtype::F32), ("actor.mu.", Dtype::F64), ("pi.", Dtype::F32)] {
         let draft = st::import(&foreign(prefix, dtype, |_, _| ()), None).unwrap();
-        let imported = draft.complete(&Given::default()).unwrap();
-        assert_eq!(imported.frozen.packed, own.packed);
+        let imported = draft.complete(&ImportOptions::default()).unwrap();
+        assert_eq!(imported.packed.weights, own.weights);
         // Spread over the leg's actions.
-        let action = imported.frozen.action;
+        let action = imported.packed.action;
         assert_eq!((action.offset[1], action.scale[1]), (1.0, 1.0));
         assert!((action.offset[0] + action.scale[0] - action.high[0]).abs() < 1e-6);
         assert_eq!(imported.assumed.len(), 4, "{:?}", imported.assumed);
         // Or scaled as the user says.
-        let given = Given {
+        let given = ImportOptions {
             observation_offset: Some(own.observation.offset),
             observation_scale: Some(own.observation.scale),
             action_offset: Some(own.action.offset),
@@ -113,22 +113,22 @@ fn a_state_dict_of_another_program_is_read() {
             action_high: Some(own.action.high),
         };
         let draft = st::import(&foreign(prefix, dtype, |_, _| ()), None).unwrap();
-        assert_eq!(draft.complete(&given).unwrap().frozen, own);
+        assert_eq!(draft.complete(&given).unwrap().packed, own);
     }
 }
 
 #[test]
 fn a_state_dict_that_cannot_fly_is_refused() {
     let refused = |bytes: Vec<u8>| st::import(&bytes, None).unwrap_err().to_string();
-    let nan = foreign("", Dtype::F32, |name, figures| {
+    let nan = foreign("", Dtype::F32, |name, numbers| {
         if name == "2.weight" {
-            figures[3] = f64::NAN;
+            numbers[3] = f64::NAN;
         }
     });
     assert_eq!(refused(nan), "\"2.weight\", figure 3: NaN, expected a finite number within f32");
-    let large = foreign("", Dtype::F64, |name, figures| {
+    let large = foreign("", Dtype::F64, |name, numbers| {
         if name == "4.bias" {
-            figures[1] = 1e39;
+            numbers[1] = 1e39;
         }
     });
     assert!(refused(large).starts_with("\"4.bias\", figure 1: inf, expected a finite"));
@@ -149,15 +149,16 @@ fn a_state_dict_that_cannot_fly_is_refused() {
 fn damaged_files_are_refused_or_read_but_never_a_panic() {
     let mut rng = Pcg64::seed_from_u64(5);
     for (bytes, import) in imports() {
-        let check = |bytes: &[u8]| match import(bytes).map(|d| d.complete(&Given::default())) {
-            Ok(Ok(imported)) => {
-                let observation = leg_control::actor::Observation::default();
-                let action = imported.frozen.actor().act(observation);
-                assert!(action.touchdown_angle_rad.is_finite());
-                true
-            }
-            Ok(Err(_)) | Err(_) => false,
-        };
+        let check =
+            |bytes: &[u8]| match import(bytes).map(|d| d.complete(&ImportOptions::default())) {
+                Ok(Ok(imported)) => {
+                    let observation = leg_control::actor::Observation::default();
+                    let action = imported.packed.actor().act(observation);
+                    assert!(action.touchdown_angle_rad.is_finite());
+                    true
+                }
+                Ok(Err(_)) | Err(_) => false,
+            };
         // Cut off: a weight is missing, or it is no file at all. (Protobuf does not
         // say how long it is: what is lost at the end may not be missed.)
         let cut: Vec<usize> = (0..200).chain((0..200).map(|i| bytes.len() * i / 200)).collect();
@@ -230,7 +231,7 @@ fn the_commands_there_and_back() {
         ("import --onnx a.onnx --layers 0,2 --out q.bin", "cannot be used with"),
         (
             "import --safetensors f.safetensors --action-low 0.5 --out q.bin",
-            "1 figures, expected 2",
+            "1 numbers, expected 2",
         ),
         (
             "import --safetensors f.safetensors --action-low 0.5,x --out q.bin",

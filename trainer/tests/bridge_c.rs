@@ -7,9 +7,9 @@ use rand_pcg::Pcg64;
 use std::path::Path;
 use std::process::Command;
 use trainer::bridge::c;
-use trainer::bridge::card::Card;
+use trainer::bridge::model_card::ModelCard;
 use trainer::net::mlp::Layer;
-use trainer::policy::{Frozen, blob_of};
+use trainer::policy::{PackedActor, blob_with_manifest};
 
 /// Reads observations and writes actions, both as their bits.
 const DRIVER: &str = r"
@@ -97,7 +97,7 @@ fn the_exported_c_gives_the_controllers_bits() {
     agree(&policy, 20_000, "-O0");
 }
 
-/// One layer that hands an observation's figures to tanh as they are, hardly clipped,
+/// One layer that hands an observation's numbers to tanh as they are, hardly clipped,
 /// so that every branch of tanh shows.
 #[test]
 fn the_translated_tanh_is_libms_on_every_branch() {
@@ -105,14 +105,15 @@ fn the_translated_tanh_is_libms_on_every_branch() {
         return;
     }
     let policy = Policy::parse(SHIPPED).unwrap();
-    let mut frozen = Frozen::from(&policy);
+    let mut packed = PackedActor::from(&policy);
     let weights = vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
     let layer = Layer { inputs: 3, weights, bias: vec![0.0; 2] };
-    frozen.action.scale = [1.0; 2];
-    frozen.action.offset = [0.0; 2];
-    (frozen.action.low, frozen.action.high) = ([0.0; 2], [1.0; 2]);
-    let frozen = Frozen::new(&[layer], ObservationScaling::IDENTITY, frozen.action).unwrap();
-    let blob = blob_of(&Card::from(&policy).manifest(&frozen), &frozen.packed).unwrap();
+    packed.action.scale = [1.0; 2];
+    packed.action.offset = [0.0; 2];
+    (packed.action.low, packed.action.high) = ([0.0; 2], [1.0; 2]);
+    let packed = PackedActor::new(&[layer], ObservationScaling::IDENTITY, packed.action).unwrap();
+    let blob =
+        blob_with_manifest(&ModelCard::from(&policy).manifest(&packed), &packed.weights).unwrap();
     let policy = Policy::parse(blob.as_slice()).unwrap();
     agree(&policy, 50_000, "-O2");
     // Every exponent from subnormal to infinite, and 4,000 fractions of each.

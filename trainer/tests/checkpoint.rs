@@ -5,15 +5,15 @@ use std::path::Path;
 use std::time::Instant;
 use trainer::config::{Config, Length};
 use trainer::preset::Preset;
-use trainer::run::checkpoint::{Checkpoint, Keeper};
-use trainer::run::log::Mark;
-use trainer::run::recent::Recent;
+use trainer::run::checkpoint::{Checkpoint, CheckpointWriter};
+use trainer::run::log::LogPosition;
+use trainer::run::recent::RecentEpisodes;
 use trainer::simd::Isa;
 use trainer::train::Training;
 
 fn checkpoint(training: &Training) -> Checkpoint {
-    let log = Mark { length: 7, crc32: 8 };
-    Checkpoint::new(training, Recent::default(), log, Path::new("p.csv"))
+    let log = LogPosition { length: 7, crc32: 8 };
+    Checkpoint::new(training, RecentEpisodes::default(), log, Path::new("p.csv"))
 }
 
 fn back(bytes: &[u8], isa: Isa) -> Training {
@@ -52,7 +52,7 @@ fn it_goes_on_as_if_it_had_never_stopped() {
                 break;
             }
         }
-        assert_eq!(resumed.kept(), alone.kept());
+        assert_eq!(resumed.best_actor(), alone.best_actor());
     }
 }
 
@@ -83,12 +83,12 @@ fn size_and_time() {
         while training.total_steps() + 20 < steps {
             training.episode().unwrap();
         }
-        let mut keeper = Keeper::new(&folder.path().join("p.bin"), None);
+        let mut checkpoints = CheckpointWriter::new(&folder.path().join("p.bin"), None);
         for _ in 0..3 {
             let began = Instant::now();
             let bytes = checkpoint(&training).to_bytes();
             let encoded = began.elapsed();
-            keeper.write(&checkpoint(&training)).unwrap();
+            checkpoints.write(&checkpoint(&training)).unwrap();
             let both = began.elapsed();
             let began = Instant::now();
             back(&bytes, Isa::best());

@@ -220,7 +220,7 @@ fn a_checkpoint_that_cannot_be_used_is_refused() {
     refused(&["--resume"], "p.csv.part: this is another log: its checksum is");
     fs::remove_file(&log).unwrap();
     refused(&["--resume"], "p.csv.part: the log cannot be opened");
-    // Given up, it begins anew.
+    // ImportOptions up, it begins anew.
     let anew = ["--preset", "water", "--episodes", "3", "--restart"];
     assert!(output(&anew, path).status.success());
     assert_eq!(names(path), ["p.bin", "p.csv"]);

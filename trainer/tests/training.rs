@@ -1,7 +1,7 @@
 //! A training gives the same policy, bit for bit, whatever computes it.
 
 use trainer::config::{Config, Length};
-use trainer::policy::{About, blob};
+use trainer::policy::{PolicyInfo, blob};
 use trainer::preset::Preset;
 use trainer::simd::Isa;
 use trainer::train::{EpisodeRecord, Training};
@@ -25,12 +25,12 @@ fn train(config: &Config, seed: u64, isa: Isa) -> (Vec<EpisodeRecord>, Vec<u8>) 
     while let Some(record) = training.episode().unwrap() {
         log.push(record);
     }
-    let (frozen, standing) = training.kept();
+    let (packed, standing) = training.best_actor();
     assert_eq!(standing.is_some(), config.selection.evaluations > 0);
     let gains = &Preset::Air.config().gains;
     let bytes = blob(
-        &frozen,
-        &About {
+        &packed,
+        &PolicyInfo {
             name: "test",
             preset: &config.preset,
             seed,

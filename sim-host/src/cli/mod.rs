@@ -1,14 +1,15 @@
 //! The `sim-host` command line: one file a subcommand.
 //!
-//! Exit status: 0 for success; 2 for errors that the caller can correct, such as
-//! a wrong option or bad input (`Misuse`, and the errors of clap); 1 for any other
-//! failure, including a fall of the leg.
+//! Exit status: 0 when all went well; 2 for what the caller can put right, a
+//! wrong option or bad input (`Misuse`, and whatever clap refuses); 1 for any
+//! other failure, a leg that falls among them.
 
 mod apex;
 mod bench;
 mod bridge;
 mod faults;
 mod plot;
+mod real_time;
 mod recording;
 mod replay;
 mod robustness;
@@ -23,8 +24,8 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use leg_process::policy_file::PolicyFile;
 
-/// Simulates the leg for a controller. Without a command it runs the demonstration:
-/// from water over the shore onto land.
+/// Plays the leg to a controller. Without a command: the shore, the leg's way
+/// out of the sea onto land.
 #[derive(Debug, Parser)]
 #[command(name = "sim-host", version, about, args_conflicts_with_subcommands = true)]
 struct Program {
@@ -36,50 +37,49 @@ struct Program {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Play a scenario with a controller, in lock-step or in real time.
+    /// Play a scenario to a controller, in lock-step or in real time.
     Run(Box<run::Args>),
-    /// Run the controller, like the `controller` program.
+    /// Be the controller: as the `controller` program.
     Controller(leg_host::cli::Call),
-    /// Connect a flashed controller on a serial line as the controller.
+    /// Be the controller by way of a flashed one, on a serial line.
     Bridge(Box<bridge::Args>),
     /// Watch a running leg in the terminal, and operate it.
     Watch(watch::Args),
-    /// Replay a recording and compare the commands bit for bit.
+    /// Replay a recording: are the commands those of its controller, bit for bit?
     Replay(replay::Args),
-    /// Plot a recording as SVG.
+    /// Draw a recording as an SVG picture.
     Plot(plot::Args),
-    /// Write a recording; `run --record` starts this.
+    /// Write a recording: what `run --record` starts.
     #[command(hide = true)]
     Recorder {
         /// The file.
         path: PathBuf,
     },
-    /// Measure how much of each fault a policy tolerates.
+    /// Sweep: how much of each fault a policy stands.
     Robustness(robustness::Args),
-    /// List the faults for `run --fault`.
+    /// List the faults that `run --fault` can put into a run.
     Faults,
-    /// Measure the time of a tick on this machine.
+    /// Measure what a tick costs on this machine.
     Bench {
-        /// The benchmark.
+        /// What.
         #[command(subcommand)]
         what: bench::Bench,
     },
-    /// Compute the next apex for each row of a CSV file.
+    /// Take hops: from one apex to the next, for each row of a CSV file.
     Apex(apex::Args),
 }
 
-/// Runs the program and returns its exit status.
+/// Runs the program; gives its exit status.
 #[must_use]
 pub fn main() -> ExitCode {
-    let outcome =
-        if faults::is_requested() { faults::main() } else { run_command(&Program::parse()) };
+    let outcome = if faults::asked_for() { faults::main() } else { play(&Program::parse()) };
     outcome.unwrap_or_else(|error| {
         eprintln!("sim-host: {error:#}");
         ExitCode::from(if error.is::<Misuse>() { 2 } else { 1 })
     })
 }
 
-fn run_command(program: &Program) -> anyhow::Result<ExitCode> {
+fn play(program: &Program) -> anyhow::Result<ExitCode> {
     match &program.command {
         None => shore::main(&program.shore),
         Some(Command::Run(args)) => run::main(args),
@@ -96,7 +96,7 @@ fn run_command(program: &Program) -> anyhow::Result<ExitCode> {
     }
 }
 
-/// An error that the caller can correct: exit status 2.
+/// An error that the caller can put right: exit status 2.
 #[derive(Debug)]
 struct Misuse(String);
 
@@ -108,13 +108,13 @@ impl fmt::Display for Misuse {
 
 impl std::error::Error for Misuse {}
 
-/// Marks an error as one that the caller can correct.
+/// What is said as an error that the caller can put right.
 fn misuse(error: impl fmt::Display) -> anyhow::Error {
     Misuse(error.to_string()).into()
 }
 
-/// Loads and checks a policy file. A controller process checks it too; checking it
-/// here first reports an error once, by the program that the user called.
+/// The policy to run, checked. A controller process checks it too; first here,
+/// so that what is wrong with it is said once, by the program that was called.
 fn checked_policy(path: Option<&Path>) -> anyhow::Result<PolicyFile> {
     let blob = PolicyFile::load(path).map_err(misuse)?;
     blob.policy().map_err(misuse)?;
@@ -125,9 +125,9 @@ fn checked_policy(path: Option<&Path>) -> anyhow::Result<PolicyFile> {
 mod tests {
     use clap::CommandFactory;
 
-    /// Clap checks this in debug builds only, and only for the command called.
+    /// What clap checks only in debug builds, and only of the command called.
     #[test]
-    fn the_command_line_definition_is_consistent() {
+    fn the_command_line_is_of_one_piece() {
         super::Program::command().debug_assert();
     }
 }

@@ -9,19 +9,19 @@ use super::misuse;
 use crate::plot::{Course, picture};
 use leg_process::atomic_file;
 
-/// Plots a recording over time: height, velocity at each apex and set-point,
-/// density, commands, events, and where a safe command was in force.
+/// Draws a recording over time: height, velocity at each apex and set-point,
+/// density, commands; what happened, and when the leg was under a safe command.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
-    /// Recording made by `sim-host run --record`.
+    /// What `sim-host run --record` wrote.
     recording: PathBuf,
-    /// SVG file to write.
+    /// Where the picture goes.
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
-    /// Begin of the plot in simulated time, s [default: the start].
+    /// From this simulated time on, s [default: the beginning].
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     from: Option<f64>,
-    /// End of the plot in simulated time, s [default: the end].
+    /// Until this simulated time, s [default: the end].
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     until: Option<f64>,
 }
@@ -36,7 +36,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let course = Course::read(&args.recording, from_s..until_s).map_err(misuse)?;
     if course.is_empty() {
         return Err(misuse(format!(
-            "{}: it has no ticks between --from {from_s} s and --until {until_s} s; it ends at {:.3} s",
+            "{}: nothing of it lies between --from {from_s} s and --until {until_s} s; it ends at {:.3} s",
             args.recording.display(),
             course.end_s
         )));

@@ -7,16 +7,17 @@ use leg_process::policy_file::PolicyFile;
 use leg_process::stdout;
 
 use super::misuse;
-use crate::replay::{self, ReplayError};
+use crate::replay;
 
 /// Feeds the samples of a recording to a controller and compares its commands
-/// with the recorded ones bit for bit. Exit status 0 if they are equal, 1 if not.
+/// with the recorded ones, bit for bit. Exit status 0 when they are the same,
+/// 1 when they are not.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
-    /// Recording made by `sim-host run --record`.
+    /// What `sim-host run --record` wrote.
     recording: PathBuf,
-    /// Use this policy instead of the recorded one, and show where their commands
-    /// differ.
+    /// Let this policy answer, instead of the recorded one, and show where the
+    /// two part.
     #[arg(long, value_name = "FILE")]
     policy: Option<PathBuf>,
     /// Print the result as one JSON object.
@@ -26,7 +27,7 @@ pub(super) struct Args {
 
 pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let other = args.policy.as_deref().map(PolicyFile::read).transpose().map_err(misuse)?;
-    let report = replay::replay(&args.recording, other.as_ref()).map_err(with_hint)?;
+    let report = replay::replay(&args.recording, other.as_ref()).map_err(misuse)?;
     for warning in &report.warnings {
         eprintln!("sim-host: warning: {warning}");
     }
@@ -36,11 +37,4 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         stdout::print_line(&report)?;
     }
     Ok(if report.equal { ExitCode::SUCCESS } else { ExitCode::FAILURE })
-}
-
-fn with_hint(error: ReplayError) -> anyhow::Error {
-    match error {
-        ReplayError::NoPolicy(_) => misuse(format!("{error}; name it by --policy FILE")),
-        error => misuse(error),
-    }
 }

@@ -1,18 +1,18 @@
-//! Quantities that change during a run: the medium's density and the set-point.
+//! Quantities along the way: the medium's density, and the speed asked for.
 
 use serde::{Deserialize, Serialize};
 
-/// A quantity over x: linear between its points, constant beyond them.
+/// A quantity given at places along x: linear in between, constant beyond.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(transparent)]
 pub struct Profile(Vec<[f64; 2]>);
 
 impl Profile {
-    /// Creates a profile through `points`, each an x in m and a value.
+    /// A profile through `points`, each a place and the value there.
     ///
     /// # Errors
-    /// A message if there is no point, a number is not finite, or x does not
-    /// increase.
+    /// A sentence that says what is wrong: no point, a number that is not
+    /// finite, or places that do not increase.
     pub fn new(points: Vec<[f64; 2]>) -> Result<Self, String> {
         if points.is_empty() {
             return Err("it must have at least one point [x, value]".to_owned());
@@ -21,18 +21,21 @@ impl Profile {
             return Err(format!("{point:?} must be two finite numbers"));
         }
         if let Some(pair) = points.windows(2).find(|pair| pair[0][0] >= pair[1][0]) {
-            return Err(format!("x must increase, but {} follows {}", pair[1][0], pair[0][0]));
+            return Err(format!(
+                "places must increase, but {} comes after {}",
+                pair[1][0], pair[0][0]
+            ));
         }
         Ok(Self(points))
     }
 
-    /// Creates a profile with the same value everywhere.
+    /// The same value everywhere.
     #[must_use]
     pub fn constant(value: f64) -> Self {
         Self(vec![[0.0, value]])
     }
 
-    /// Returns the value at `x`.
+    /// The value at a place.
     #[must_use]
     pub fn at(&self, x: f64) -> f64 {
         let after = self.0.partition_point(|point| point[0] <= x);
@@ -43,7 +46,7 @@ impl Profile {
         }
     }
 
-    /// Returns the lowest and the highest value.
+    /// Lowest and highest value.
     #[must_use]
     pub fn range(&self) -> [f64; 2] {
         self.0.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], [_, value]| {
@@ -51,40 +54,40 @@ impl Profile {
         })
     }
 
-    /// Returns the points.
+    /// Its points.
     #[must_use]
     pub fn points(&self) -> &[[f64; 2]] {
         &self.0
     }
 }
 
-/// A change of the set-point at a time or a place. Exactly one of the two is given.
+/// A change of the set-point, from a time or a place on.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SetPointStep {
-    /// Time of the change, s.
+    /// From this time on, s. Exactly one of the two is given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub from_t_s: Option<f64>,
-    /// Place of the change, m; it takes effect when the leg first passes it.
+    /// From the first time that the leg passes this place on, m.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub from_x_m: Option<f64>,
-    /// The new set-point, m/s.
+    /// The speed asked for, m/s.
     pub m_s: f64,
 }
 
-/// The set-points of a run.
+/// The speed asked for in the course of a run.
 ///
-/// Each step takes effect once, in order, when the run reaches its time or place.
-/// A leg that moves back over a place does not undo the step.
+/// Each step takes effect once, in its order, when the leg has reached its
+/// time or place; a leg that swings back over a place does not undo it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SetPoints {
-    /// Set-point at the start, m/s.
+    /// At the start, m/s.
     pub start_m_s: f64,
-    /// Later changes.
+    /// Later.
     pub steps: Vec<SetPointStep>,
 }
 
-/// Position of a run in its [`SetPoints`].
+/// Where in its [`SetPoints`] a run is.
 #[derive(Clone, Debug)]
 pub struct SetPointCursor<'a> {
     steps: &'a [SetPointStep],
@@ -93,7 +96,7 @@ pub struct SetPointCursor<'a> {
 }
 
 impl SetPoints {
-    /// Returns the cursor for a run that starts at `x_m`.
+    /// A run's beginning, at a place.
     #[must_use]
     pub fn begin(&self, x_m: f64) -> SetPointCursor<'_> {
         SetPointCursor { steps: &self.steps, now_m_s: self.start_m_s, start_x_m: x_m }
@@ -101,12 +104,12 @@ impl SetPoints {
 }
 
 impl SetPointCursor<'_> {
-    /// Advances to a time and place and returns the set-point, m/s.
+    /// The set-point at a time and place, m/s.
     pub fn at(&mut self, t_s: f64, x_m: f64) -> f64 {
         while let Some((step, rest)) = self.steps.split_first() {
             let reached = match (step.from_t_s, step.from_x_m) {
                 (Some(from), _) => t_s >= from,
-                // Passed in the direction away from the start.
+                // Passed in the direction from where the run began.
                 (None, Some(from)) if from >= self.start_x_m => x_m >= from,
                 (None, Some(from)) => x_m <= from,
                 (None, None) => true,
@@ -136,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn rejects_a_profile_without_increasing_finite_points() {
+    fn a_profile_that_is_none_is_refused() {
         assert!(Profile::new(vec![]).is_err());
         assert!(Profile::new(vec![[0.0, f64::NAN]]).is_err());
         assert!(Profile::new(vec![[1.0, 0.0], [1.0, 1.0]]).is_err());

@@ -1,21 +1,21 @@
-//! Callbacks of a session.
+//! What a session calls in the course of a run.
 
 use super::leg::{Leg, TickRecord};
 
-/// Callbacks of a session; `()` does nothing.
+/// What a session calls in the course of a run. `()` does nothing.
 ///
-/// In real time they must not allocate, log or block. [`Hooks::wait`] may block,
-/// because it is called in lock-step only.
+/// In real time nothing here may allocate, log, or wait, but
+/// [`Hooks::wait`], which is not called there.
 pub trait Hooks {
-    /// Called before each tick in lock-step; blocks while the run is paused.
+    /// In lock-step, before each tick: time waits for this.
     fn wait(&mut self) {}
-    /// Called before each tick; returns true to end the run.
+    /// Before each tick: whether the run is to end here, as somebody wishes.
     fn ends(&mut self) -> bool {
         false
     }
-    /// Called before each tick; may change the leg's set-point.
+    /// Before each tick: what is ordered of the leg by hand.
     fn steer(&mut self, _leg: &mut Leg<'_>) {}
-    /// Called after each tick.
+    /// At each tick of the plant.
     fn observe(&mut self, _tick: &TickRecord<'_>) {}
 }
 
@@ -57,14 +57,14 @@ impl<H: Hooks> Hooks for Option<H> {
     }
 }
 
-/// Calls both in this order.
+/// Both, in this order.
 impl<A: Hooks, B: Hooks> Hooks for (A, B) {
     fn wait(&mut self) {
         self.0.wait();
         self.1.wait();
     }
     fn ends(&mut self) -> bool {
-        // No short circuit: either may count its calls.
+        // Either may keep count: both are asked.
         let ends = self.0.ends();
         self.1.ends() || ends
     }
@@ -78,7 +78,7 @@ impl<A: Hooks, B: Hooks> Hooks for (A, B) {
     }
 }
 
-/// Calls a closure after each tick.
+/// Only sees the ticks.
 #[derive(Clone, Copy, Debug)]
 pub struct Observe<F>(pub F);
 

@@ -1,4 +1,4 @@
-//! The result of a run, of any session.
+//! What a run came to, whatever session played it.
 
 use serde::Serialize;
 
@@ -10,73 +10,73 @@ use leg_plant::Body;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Ending {
-    /// The duration was over.
+    /// Its time was over.
     Duration,
-    /// The distance was reached.
+    /// It had come as far as it should.
     Distance,
     /// The leg fell.
     Fall,
-    /// The user stopped it, or its link failed.
+    /// It was told to stop, or its link broke.
     Stopped,
 }
 
-/// Result of a run.
+/// What a run came to.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// Why the run ended.
+    /// Why it ended.
     pub ending: Ending,
-    /// Falls after which the leg was put back to its start.
+    /// Falls after which it was put back to its start.
     pub restarts: u32,
     /// Ticks played.
     pub ticks: u64,
     /// Simulated time, s.
     pub sim_time_s: f64,
-    /// Wall time, s.
+    /// Real time, s.
     pub wall_time_s: f64,
-    /// Distance from the start along x, m.
+    /// Way from the start along x, m.
     pub distance_m: f64,
     /// The state at the end.
     pub body: Body,
-    /// Touchdowns.
+    /// Times that the foot came down.
     pub touchdowns: u64,
     /// Apexes.
     pub apexes: u64,
-    /// Ticks under a safe command of the controller or of the leg itself.
+    /// Ticks under a safe command, the controller's or the leg's own.
     pub safe_ticks: u64,
-    /// Ticks without a new command; none in lock-step.
+    /// Ticks for which no new command had come; in lock-step none.
     pub held_ticks: u64,
-    /// Times that the leg changed to its own safe command.
+    /// Times that the leg took its own safe command, for want of another.
     pub silences: u64,
-    /// Samples that the controller rejected, according to its last command.
+    /// Samples that the controller's guard rejected, by its last command.
     pub rejected: u32,
-    /// Commands rejected: of another version or run, out of order, too old, or not
-    /// finite.
+    /// Commands dropped: of another version or run, out of order, too old, or
+    /// with a figure that is not finite.
     pub foreign_commands: u64,
-    /// Hash of all states and commands.
+    /// Hash of every state and command.
     pub state_hash: u64,
-    /// Counts of each fault.
+    /// What each fault did.
     pub faults: Vec<FaultCount>,
-    /// Round-trip times of the commands.
+    /// How long the answers took.
     pub round_trips: RoundTrips,
 }
 
 impl Outcome {
-    /// Returns the ticks per second of wall time.
+    /// Ticks a second of real time.
     #[must_use]
     pub fn ticks_per_s(&self) -> f64 {
         self.ticks as f64 / self.wall_time_s
     }
 
-    /// Returns whether every tick was under a safe command.
+    /// Whether the controller sent its safe command throughout.
     #[must_use]
     pub fn all_safe(&self) -> bool {
         self.ticks > 0 && self.safe_ticks == self.ticks
     }
 
-    /// Returns the serialisable report.
+    /// The figures, for a script.
     #[must_use]
-    pub fn report(&self) -> RunReport {
-        RunReport {
+    pub fn report(&self) -> Report {
+        Report {
             ending: self.ending,
             falls: self.restarts + u32::from(self.ending == Ending::Fall),
             hops: self.touchdowns,
@@ -96,38 +96,38 @@ impl Outcome {
     }
 }
 
-/// The values of an [`Outcome`] under the names that scripts read.
+/// The figures of an [`Outcome`], by the names that scripts read.
 #[derive(Clone, Debug, Serialize)]
-pub struct RunReport {
+pub struct Report {
     /// Why the run ended.
     pub ending: Ending,
-    /// Falls; more than one if a fallen leg is put back to its start.
+    /// Falls: more than one where a leg that falls is put back to its start.
     pub falls: u32,
-    /// Touchdowns.
+    /// Times that the foot came down.
     pub hops: u64,
     /// Apexes.
     pub apexes: u64,
-    /// Distance from the start along x, m.
+    /// Way along x, m.
     pub distance_m: f64,
     /// Ticks played.
     pub ticks: u64,
     /// Simulated time, s.
     pub sim_time_s: f64,
-    /// Ticks per second of wall time.
+    /// Ticks a second of real time.
     pub ticks_per_s: f64,
     /// Ticks under a safe command.
     pub safe_ticks: u64,
-    /// Ticks without a new command.
+    /// Ticks for which no new command had come.
     pub held_ticks: u64,
-    /// Times that the leg changed to its own safe command.
+    /// Times that the leg took its own safe command.
     pub silences: u64,
-    /// Samples that the controller rejected.
+    /// Samples that the controller's guard rejected.
     pub rejected: u32,
-    /// From sending a sample to receiving its command.
+    /// Time from sample to command.
     pub round_trip_us: RoundTripUs,
     /// Hash of every state and command, hexadecimal.
     pub state_hash: String,
-    /// Counts of each fault.
+    /// What each fault did.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub faults: Vec<FaultCount>,
 }

@@ -1,5 +1,4 @@
-//! The demonstration, which `sim-host` runs without a subcommand: the leg hops out
-//! of the water, over the shore, onto land.
+//! The main job: out of the sea, over the shore, onto land.
 
 pub mod picture;
 pub mod report;
@@ -10,20 +9,20 @@ use leg_plant::{Event, EventKind, Phase};
 use report::{Regions, Report};
 use track::{ApexMark, LegPose, Track};
 
-/// Ticks between two points of the plotted path.
+/// Ticks between two points of the path that is drawn.
 const PATH_STRIDE: u64 = 8;
 
-/// Observes a run and keeps the data for the table and the picture.
+/// Watches a run and keeps what table and picture want.
 #[derive(Clone, Debug, Default)]
-pub struct TrackRecorder {
+pub struct Recorder {
     track: Track,
-    /// Apexes for which the controller's estimate has not arrived yet.
+    /// Apexes that the controller has not told its estimate of yet.
     awaiting_estimate: usize,
-    last_apexes: u32,
+    apexes_told: u32,
 }
 
-impl TrackRecorder {
-    /// Adds a tick. Returns the apex that the controller has just answered.
+impl Recorder {
+    /// Takes in a tick; returns the apex that the controller has just seen.
     pub fn observe(&mut self, tick: &TickRecord<'_>) -> Option<ApexMark> {
         let seen = self.take_estimate(tick);
         if tick.seq.is_multiple_of(PATH_STRIDE) {
@@ -39,14 +38,14 @@ impl TrackRecorder {
         seen
     }
 
-    /// Takes the density estimate; the controller answers an apex in the tick after it.
+    /// The controller answers an apex in the tick after it.
     fn take_estimate(&mut self, tick: &TickRecord<'_>) -> Option<ApexMark> {
-        if tick.command.apexes == self.last_apexes {
+        if tick.command.apexes == self.apexes_told {
             return None;
         }
-        self.last_apexes = tick.command.apexes;
+        self.apexes_told = tick.command.apexes;
         if self.awaiting_estimate == 0 {
-            // The start counts as an apex only for the controller.
+            // The start, which is an apex for the controller only.
             return None;
         }
         self.awaiting_estimate = 0;
@@ -79,13 +78,13 @@ impl TrackRecorder {
         }
     }
 
-    /// Returns the track so far.
+    /// The course of the run so far.
     #[must_use]
     pub fn track(&self) -> &Track {
         &self.track
     }
 
-    /// Returns the report; `end_rho` is the density ratio where the run ended.
+    /// What the run came to; `end_rho` is the density ratio where it ended.
     #[must_use]
     pub fn report(&self, outcome: &Outcome, end_rho: f64) -> Report {
         let run = outcome.report();

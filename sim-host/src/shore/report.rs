@@ -1,18 +1,18 @@
-//! The report of the demonstration, as a text table and as JSON.
+//! What the run came to: a table for people, an object for scripts.
 
 use super::track::{ApexMark, Track};
 use crate::session::RoundTripUs;
 use serde::Serialize;
 use std::fmt;
 
-/// Result of the demonstration; its fields are the keys of the JSON output.
+/// The result of a run over the shore; `--json` prints it as it stands.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
-    /// Falls, 0 or 1: the run ends at a fall.
+    /// Falls: 0, or 1 and the run ended there.
     pub falls: u32,
-    /// Number of apexes.
+    /// Apexes.
     pub hops: usize,
-    /// Distance from start to end, m.
+    /// From the start to the end, m.
     pub distance_m: f64,
     /// Density ratio where the run ended.
     pub end_rho: f64,
@@ -20,41 +20,41 @@ pub struct Report {
     pub sim_time_s: f64,
     /// Ticks played.
     pub ticks: u64,
-    /// Ticks per second of wall time.
+    /// Ticks a second of wall time.
     pub ticks_per_s: f64,
-    /// From sending a sample to receiving its command, us.
+    /// From sending a sample to having its command, us.
     pub round_trip_us: RoundTripUs,
-    /// Mean absolute error of the apex velocity, m/s.
+    /// Mean distance of the apex velocity from the set-point, m/s.
     pub tracking: Regions<f64>,
-    /// Results in each region.
+    /// More on each region.
     pub regions: Regions<Region>,
     /// Largest error of the density estimate at an apex.
     pub rho_error_max: f64,
-    /// Hash of all states and commands of the run.
+    /// Hash of every state and command of the run.
     pub state_hash: String,
 }
 
-/// A value for each region: water, shore and land.
+/// The same figure in the water, on the shore and on land.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Regions<T> {
     /// Where the density ratio is 1.
     pub water: T,
-    /// Where it is between 0 and 1.
+    /// In between.
     pub shore: T,
     /// Where it is 0.
     pub land: T,
 }
 
-/// Results in a region.
+/// The hops in a region.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Region {
-    /// Number of apexes.
+    /// Apexes there.
     pub hops: usize,
-    /// Mean velocity at the apexes, m/s.
+    /// Their mean velocity, m/s.
     pub mean_v: f64,
-    /// Mean absolute error of the velocity, m/s.
+    /// Mean distance of the velocity from the set-point, m/s.
     pub tracking_error: f64,
-    /// Largest error of the density estimate.
+    /// Largest distance of the density estimate from the truth.
     pub rho_error_max: f64,
 }
 
@@ -73,7 +73,7 @@ impl Region {
 }
 
 impl Regions<Region> {
-    /// Returns the tracking error in each region, m/s.
+    /// The tracking error of each, m/s.
     #[must_use]
     pub fn tracking(&self) -> Regions<f64> {
         Regions {
@@ -83,7 +83,7 @@ impl Regions<Region> {
         }
     }
 
-    /// Assigns each apex of a run to the region of its density.
+    /// Of a run's apexes, each in the region of its density.
     #[must_use]
     pub fn of(track: &Track) -> Self {
         let within = |is_there: fn(f64) -> bool| {
@@ -127,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn assigns_each_apex_to_the_region_of_its_density() {
+    fn each_apex_counts_in_the_region_of_its_density() {
         let apex = |density_ratio, vx_m_s| ApexMark {
             t_s: 0.0,
             x_m: 0.0,

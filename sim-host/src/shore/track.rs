@@ -1,16 +1,16 @@
-//! The data of a run for the table and the picture.
+//! What a run leaves behind, as far as a table and a picture want it.
 
 use serde::Serialize;
 
 /// A point of the mass's path, m.
 pub type Point = (f64, f64);
 
-/// Position of foot and mass at one time, m.
+/// The leg at a moment: from its foot to its mass, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LegPose {
-    /// Position of the foot.
+    /// Where the foot is.
     pub foot: Point,
-    /// Position of the mass.
+    /// Where the mass is.
     pub mass: Point,
 }
 
@@ -19,44 +19,44 @@ pub struct LegPose {
 pub struct ApexMark {
     /// Time since the start, s.
     pub t_s: f64,
-    /// Horizontal position, m.
+    /// Place, m.
     pub x_m: f64,
     /// Height, m.
     pub y_m: f64,
     /// Horizontal velocity, m/s.
     pub vx_m_s: f64,
-    /// Set-point, m/s.
+    /// The velocity asked for, m/s.
     pub set_point_m_s: f64,
-    /// Density ratio of the medium.
+    /// The medium's density ratio.
     pub density_ratio: f64,
-    /// Density ratio that the actor received.
+    /// The density ratio that the controller went by.
     pub density_estimate: f64,
 }
 
 impl ApexMark {
-    /// Returns the absolute error of the velocity, m/s.
+    /// How far the velocity is from the set-point, m/s.
     #[must_use]
     pub fn error_m_s(&self) -> f64 {
         (self.vx_m_s - self.set_point_m_s).abs()
     }
 
-    /// Returns the absolute error of the density estimate.
+    /// How far the density estimate is from the truth.
     #[must_use]
     pub fn density_error(&self) -> f64 {
         (self.density_estimate - self.density_ratio).abs()
     }
 }
 
-/// The path and the events of a run.
+/// The course of a run.
 #[derive(Clone, Debug, Default)]
 pub struct Track {
-    /// Path of the mass.
+    /// The mass's path.
     pub path: Vec<Point>,
-    /// Pose at each touchdown.
+    /// The leg at each touchdown.
     pub touchdowns: Vec<LegPose>,
-    /// Pose at each lift-off.
+    /// The leg at each lift-off.
     pub liftoffs: Vec<LegPose>,
-    /// All apexes.
+    /// Every apex.
     pub apexes: Vec<ApexMark>,
     /// Where the leg fell, if it did.
     pub fall: Option<Point>,

@@ -11,7 +11,7 @@ use crate::study::flown::fly;
 use trainer::evaluate::hopper;
 use trainer::evaluate::survival::draw_starts;
 use trainer::net::mlp::Layer;
-use trainer::policy::Frozen;
+use trainer::policy::PackedActor;
 use trainer::preset::Preset;
 use trainer::simd::Isa;
 use trainer::train::Training;
@@ -94,7 +94,7 @@ impl Learnt {
     /// # Panics
     /// When there is no such stage.
     #[must_use]
-    pub fn actor_after(&self, stage: usize) -> Frozen {
+    pub fn actor_after(&self, stage: usize) -> PackedActor {
         let layers = self.stages[stage].layers.iter().map(|(inputs, weights, bias)| Layer {
             inputs: *inputs,
             weights: weights.clone(),
@@ -102,12 +102,12 @@ impl Learnt {
         });
         let layers: [Layer; 3] =
             layers.collect::<Vec<_>>().try_into().expect("an actor has three layers");
-        Frozen::trained(&self.agent.preset().config(), &layers)
+        PackedActor::trained(&self.agent.preset().config(), &layers)
     }
 
     /// The actor at the end.
     #[must_use]
-    pub fn actor(&self) -> Frozen {
+    pub fn actor(&self) -> PackedActor {
         self.actor_after(self.stages.len() - 1)
     }
 }
@@ -233,7 +233,7 @@ fn train(agent: Paper, seed: u64) -> Result<Learnt, FiguresError> {
     while let Some(record) = training.episode().map_err(|e| diverged(&e))? {
         episodes.push(Episode { reward: record.reward, steps: record.steps });
         if training.stages_done() > stages.len() {
-            let (frozen, _) = training.kept();
+            let (frozen, _) = training.best_actor();
             let layers = frozen.layers().into_iter().map(|l| (l.inputs, l.weights, l.bias));
             stages
                 .push(Stage { episodes: std::mem::take(&mut episodes), layers: layers.collect() });

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::FiguresError;
 use trainer::bridge::json;
-use trainer::policy::Frozen;
+use trainer::policy::PackedActor;
 
 /// A folder with the authors' data.
 #[derive(Clone, Debug)]
@@ -53,7 +53,7 @@ impl Reference {
     ///
     /// # Errors
     /// [`FiguresError::Reference`] when it is not what it should be.
-    pub fn actor(&self, agent: &str) -> Result<Frozen, FiguresError> {
+    pub fn actor(&self, agent: &str) -> Result<PackedActor, FiguresError> {
         let path = self.0.join(format!("actor_{agent}.json"));
         let wrong = |cause: &dyn ToString| FiguresError::Reference {
             path: path.clone(),

@@ -38,7 +38,7 @@ pub enum ImportError {
     TestVector {
         /// Which, from 0.
         index: usize,
-        /// Given.
+        /// ImportOptions.
         expected: [f64; 2],
         /// Computed.
         found: [f64; 2],

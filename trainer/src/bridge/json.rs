@@ -13,9 +13,9 @@
 //! the imported actor must give their actions within 1e-5.
 
 use super::ImportError;
-use super::draft::Draft;
+use super::imported::ImportedActor;
 use crate::net::mlp::Layer;
-use crate::policy::Frozen;
+use crate::policy::PackedActor;
 use leg_control::actor::{ActionScaling, Observation, ObservationScaling};
 use serde_json::Value;
 
@@ -98,19 +98,19 @@ impl At<'_> {
 ///
 /// # Errors
 /// [`ImportError`] names the key, what is there and what should be.
-pub fn import(bytes: &[u8]) -> Result<Draft, ImportError> {
+pub fn import(bytes: &[u8]) -> Result<ImportedActor, ImportError> {
     let text = std::str::from_utf8(bytes).map_err(|e| {
         let found = format!("byte {} is not UTF-8", e.valid_up_to());
         ImportError::value("text", found, "JSON in UTF-8")
     })?;
-    let frozen = from_json(text)?;
-    let ActionScaling { scale, offset, low, high } = frozen.action;
-    Ok(Draft {
-        layers: frozen.layers(),
-        observation: Some(frozen.observation),
+    let packed = from_json(text)?;
+    let ActionScaling { scale, offset, low, high } = packed.action;
+    Ok(ImportedActor {
+        layers: packed.layers(),
+        observation: Some(packed.observation),
         action: Some([scale, offset]),
         bounds: Some([low, high]),
-        ..Draft::default()
+        ..ImportedActor::default()
     })
 }
 
@@ -118,7 +118,7 @@ pub fn import(bytes: &[u8]) -> Result<Draft, ImportError> {
 ///
 /// # Errors
 /// [`ImportError`] names the key, what is there and what should be.
-pub fn from_json(text: &str) -> Result<Frozen, ImportError> {
+pub fn from_json(text: &str) -> Result<PackedActor, ImportError> {
     let value: Value = serde_json::from_str(text)?;
     let root = At { key: String::new(), value: Some(&value) };
     root.field("hidden_activation").text("relu")?;
@@ -142,10 +142,10 @@ pub fn from_json(text: &str) -> Result<Frozen, ImportError> {
         let inputs = layers.last().map_or(3, |l| l.bias.len());
         layers.push(layer.layer(inputs)?);
     }
-    let frozen = Frozen::new(&layers, ObservationScaling::IDENTITY, action)?;
+    let packed = PackedActor::new(&layers, ObservationScaling::IDENTITY, action)?;
     let vectors = root.field("test_vectors");
     if vectors.value.is_some() {
-        let actor = frozen.actor();
+        let actor = packed.actor();
         for (index, vector) in vectors.list()?.iter().enumerate() {
             let [vx, y, rho] = vector.field("observation").array::<3>()?.map(|x| x as f32);
             let expected: [f64; 2] = vector.field("action").array()?;
@@ -157,7 +157,7 @@ pub fn from_json(text: &str) -> Result<Frozen, ImportError> {
             }
         }
     }
-    Ok(frozen)
+    Ok(packed)
 }
 
 #[cfg(test)]
@@ -177,8 +177,8 @@ mod tests {
 
     #[test]
     fn a_small_actor_gives_its_test_vector() {
-        let frozen = from_json(&small().to_string()).unwrap();
-        assert_eq!(frozen.widths.as_slice(), [3, 2]);
+        let packed = from_json(&small().to_string()).unwrap();
+        assert_eq!(packed.widths.as_slice(), [3, 2]);
     }
 
     #[test]

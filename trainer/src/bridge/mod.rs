@@ -7,15 +7,16 @@
 //! | C99 | the actor as one source file, to the last bit | |
 //! | JSON | | the layout of the published actors |
 //!
-//! A file that is read becomes a [`draft::Draft`]: layers, and the scalings that the
+//! A file that is read becomes a [imported::ImportedActor`]: layers, and the scalings that the
 //! file has. With what the user gives for the rest it becomes an actor that can fly.
-//! Our own exports carry a [`card::Card`], by which they come back as the very policy.
+//! Our own exports carry a [`model_card::ModelCard`], by which they come back as the very policy.
 
 pub mod c;
-pub mod card;
-pub mod draft;
+
 mod error;
+pub mod imported;
 pub mod json;
+pub mod model_card;
 pub mod onnx;
 pub mod safetensors;
 mod state_dict;

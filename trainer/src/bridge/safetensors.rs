@@ -3,14 +3,14 @@
 //! An actor 3-50-50-2 is `0.weight` (50, 3), `0.bias` (50), `2.weight` (50, 50),
 //! `2.bias`, `4.weight` (2, 50), `4.bias`, all F32: what
 //! `nn.Sequential(Linear, ReLU, Linear, ReLU, Linear, Tanh)` loads. The scalings, the
-//! gains and the rest are in the metadata, see [`super::card`].
+//! gains and the rest are in the metadata, see [`super::model_card`].
 
 use super::ImportError;
-use super::card::{Card, KEY};
-use super::draft::Draft;
+use super::imported::ImportedActor;
+use super::model_card::{KEY, ModelCard};
 use super::state_dict;
 use crate::net::mlp::Layer;
-use crate::policy::Frozen;
+use crate::policy::PackedActor;
 use leg_control::policy::Policy;
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
@@ -21,7 +21,7 @@ use safetensors::{Dtype, SafeTensors};
 /// Never: the shapes of an actor's layers are those of their weights.
 #[must_use]
 pub fn export(policy: &Policy<'_>) -> Vec<u8> {
-    let layers = Frozen::from(policy).layers();
+    let layers = PackedActor::from(policy).layers();
     let tensors = layers.iter().enumerate().flat_map(|(i, layer)| {
         let view = |shape, data| TensorView::new(Dtype::F32, shape, bytemuck::cast_slice(data));
         let shape = vec![layer.bias.len(), layer.inputs];
@@ -33,7 +33,7 @@ pub fn export(policy: &Policy<'_>) -> Vec<u8> {
             ),
         ]
     });
-    let metadata = [(KEY.to_owned(), Card::from(policy).to_json())].into();
+    let metadata = [(KEY.to_owned(), ModelCard::from(policy).to_json())].into();
     safetensors::serialize(tensors, Some(metadata)).expect("as many bytes as the shapes say")
 }
 
@@ -41,11 +41,11 @@ pub fn export(policy: &Policy<'_>) -> Vec<u8> {
 ///
 /// # Errors
 /// [`ImportError`] names the tensor, what is there and what should be.
-pub fn import(bytes: &[u8], layers: Option<&[String]>) -> Result<Draft, ImportError> {
+pub fn import(bytes: &[u8], layers: Option<&[String]>) -> Result<ImportedActor, ImportError> {
     let file = SafeTensors::deserialize(bytes)?;
     let (_, metadata) = SafeTensors::read_metadata(bytes)?;
     let card = metadata.metadata().as_ref().and_then(|m| m.get(KEY));
-    let card = card.map(|json| Card::parse(json)).transpose()?;
+    let card = card.map(|json| ModelCard::parse(json)).transpose()?;
     let infos = metadata.tensors();
     let linears =
         state_dict::linears(infos.iter().map(|(name, i)| (name.as_str(), i.shape.as_slice())));
@@ -59,7 +59,7 @@ pub fn import(bytes: &[u8], layers: Option<&[String]>) -> Result<Draft, ImportEr
     } else {
         vec!["ReLU between the layers, tanh after the last".to_owned()]
     };
-    Ok(Draft {
+    Ok(ImportedActor {
         layers,
         observation: card.as_ref().map(|c| c.observation),
         action: card.as_ref().map(|c| [c.action.scale, c.action.offset]),
@@ -70,13 +70,13 @@ pub fn import(bytes: &[u8], layers: Option<&[String]>) -> Result<Draft, ImportEr
 }
 
 fn layer(file: &SafeTensors<'_>, linear: &state_dict::Linear) -> Result<Layer, ImportError> {
-    let weights = figures(file, &linear.tensor("weight"), &[linear.outputs, linear.inputs])?;
-    let bias = figures(file, &linear.tensor("bias"), &[linear.outputs])?;
+    let weights = numbers(file, &linear.tensor("weight"), &[linear.outputs, linear.inputs])?;
+    let bias = numbers(file, &linear.tensor("bias"), &[linear.outputs])?;
     Ok(Layer { inputs: linear.inputs, weights, bias })
 }
 
-/// The figures of a tensor of this shape; those of F64 are rounded.
-fn figures(file: &SafeTensors<'_>, name: &str, shape: &[usize]) -> Result<Vec<f32>, ImportError> {
+/// The numbers of a tensor of this shape; those of F64 are rounded.
+fn numbers(file: &SafeTensors<'_>, name: &str, shape: &[usize]) -> Result<Vec<f32>, ImportError> {
     let error =
         |found: String, expected: String| ImportError::value(format!("{name:?}"), found, expected);
     let Ok(tensor) = file.tensor(name) else {
@@ -87,16 +87,16 @@ fn figures(file: &SafeTensors<'_>, name: &str, shape: &[usize]) -> Result<Vec<f3
     }
     // Not cast in place: the tensor may lie at any address.
     let data = tensor.data();
-    let figures: Vec<f32> = match tensor.dtype() {
+    let numbers: Vec<f32> = match tensor.dtype() {
         Dtype::F32 => data.as_chunks().0.iter().map(|&b| f32::from_le_bytes(b)).collect(),
         Dtype::F64 => data.as_chunks().0.iter().map(|&b| f64::from_le_bytes(b) as f32).collect(),
         other => return Err(error(format!("dtype {other:?}"), "F32 or F64".into())),
     };
-    match figures.iter().position(|x| !x.is_finite()) {
-        None => Ok(figures),
+    match numbers.iter().position(|x| !x.is_finite()) {
+        None => Ok(numbers),
         Some(i) => Err(ImportError::value(
             format!("{name:?}, figure {i}"),
-            figures[i].to_string(),
+            numbers[i].to_string(),
             "a finite number within f32",
         )),
     }

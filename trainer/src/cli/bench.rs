@@ -7,7 +7,7 @@ use crate::environment::{Environment, Start};
 use crate::evaluate::survival::quantile;
 use crate::preset::Preset;
 use crate::simd::Isa;
-use crate::train::{Diverged, Training};
+use crate::train::{DivergenceError, Training};
 use clap::Args;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -38,7 +38,7 @@ struct Quantiles {
 }
 
 #[derive(Serialize)]
-struct Figures {
+struct Measurements {
     /// One update of both networks and targets of the paper's agent, batch 32.
     update_us: Quantiles,
     /// The same with the preset `robust`: critic 100 wide, batch 64.
@@ -52,9 +52,9 @@ struct Figures {
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let isa = arguments.isa.isa()?;
-    let figures = measure(isa).map_err(failed)?;
+    let measurements = measure(isa).map_err(failed)?;
     if arguments.json {
-        return print(&serde_json::to_string(&figures).map_err(failed)?);
+        return print(&serde_json::to_string(&measurements).map_err(failed)?);
     }
     let row = |name: &str, q: &Quantiles| {
         format!("{name:34} {:>8.2} {:>8.2} {:>8.2}\n", q.p10, q.p50, q.p90)
@@ -62,26 +62,26 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     print(&format!(
         "Wall time on one core, {}; quantiles over {BATCHES} batches of {TOGETHER}, us\n\
          {:34} {:>8} {:>8} {:>8}\n{}{}{}20,000 steps with their updates: {:.3} s",
-        figures.isa,
+        measurements.isa,
         "",
         "p10",
         "p50",
         "p90",
-        row("update, paper's agent, batch 32", &figures.update_us),
-        row("update, robust, batch 64", &figures.update_robust_us),
-        row("environment step", &figures.env_step_us),
-        figures.steps_20000_s
+        row("update, paper's agent, batch 32", &measurements.update_us),
+        row("update, robust, batch 64", &measurements.update_robust_us),
+        row("environment step", &measurements.env_step_us),
+        measurements.steps_20000_s
     ))
 }
 
-fn measure(isa: Isa) -> Result<Figures, Diverged> {
+fn measure(isa: Isa) -> Result<Measurements, DivergenceError> {
     let mut config = Preset::Air.config();
     config.stages[0].length = Length::Steps(20_000);
     let began = Instant::now();
     let mut training = Training::new(config, 1, isa);
     while training.episode()?.is_some() {}
     let steps_20000_s = began.elapsed().as_secs_f64();
-    Ok(Figures {
+    Ok(Measurements {
         update_us: updates(Preset::Air, isa)?,
         update_robust_us: updates(Preset::Robust, isa)?,
         env_step_us: environment_steps(),
@@ -91,7 +91,7 @@ fn measure(isa: Isa) -> Result<Figures, Diverged> {
 }
 
 /// On a replay buffer of 20,000 real transitions.
-fn updates(preset: Preset, isa: Isa) -> Result<Quantiles, Diverged> {
+fn updates(preset: Preset, isa: Isa) -> Result<Quantiles, DivergenceError> {
     let mut config = preset.config();
     config.learning.random_steps = 20_000;
     config.stages.truncate(1);
@@ -103,7 +103,7 @@ fn updates(preset: Preset, isa: Isa) -> Result<Quantiles, Diverged> {
     let mut seen = None;
     let quantiles = timed(|| seen = seen.or(training.update().not_finite()));
     let step = training.total_steps();
-    seen.map_or(Ok(quantiles), |seen| Err(Diverged { step, seen }))
+    seen.map_or(Ok(quantiles), |seen| Err(DivergenceError { step, seen }))
 }
 
 fn environment_steps() -> Quantiles {

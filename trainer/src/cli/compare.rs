@@ -66,40 +66,40 @@ fn who(letter: char, path: &Path, policy: &Policy<'_>) -> String {
     )
 }
 
-/// How a figure is written.
-struct Figure {
+/// How a metric is written.
+struct MetricColumn {
     title: &'static str,
     digits: usize,
     of: fn(&AtDensity) -> Option<Paired>,
 }
 
-const FIGURES: [Figure; 3] = [
-    Figure {
+const METRICS: [MetricColumn; 3] = [
+    MetricColumn {
         title: "Survival: share still hopping after 30 hops",
         digits: 4,
         of: |d| Some(d.survive30),
     },
-    Figure {
+    MetricColumn {
         title: "Stopping: median |v| after 30 hops, m/s; B - A: median of the differences, start by start",
         digits: 5,
         of: |d| d.abs_v_median,
     },
-    Figure { title: "Reward over 5 steps, mean", digits: 3, of: |d| Some(d.reward5) },
+    MetricColumn { title: "Reward over 5 steps, mean", digits: 3, of: |d| Some(d.reward5) },
 ];
 
 fn tables(c: &Comparison) -> Result<String, fmt::Error> {
     let mut text =
         format!("\nThe same {} starts for both at each density; 95 % intervals.\n", c.starts);
-    for figure in &FIGURES {
-        table(&mut text, figure, &c.densities)?;
+    for metric in &METRICS {
+        table(&mut text, metric, &c.densities)?;
     }
     speeds(&mut text, &c.max_speed)?;
     tracking(&mut text, c)?;
-    let count = |verdict| c.figures().filter(|f| f.verdict == verdict).count();
+    let count = |verdict| c.metrics().filter(|f| f.verdict == verdict).count();
     write!(
         text,
         "\nOf {} lines from random starts: A better in {}, B better in {}, no difference seen in {}.",
-        c.figures().count(),
+        c.metrics().count(),
         count(Verdict::ABetter),
         count(Verdict::BBetter),
         count(Verdict::NoDifferenceSeen),
@@ -115,8 +115,8 @@ fn words(verdict: Verdict) -> &'static str {
     }
 }
 
-fn table(text: &mut String, figure: &Figure, densities: &[AtDensity]) -> fmt::Result {
-    let digits = figure.digits;
+fn table(text: &mut String, metric: &MetricColumn, densities: &[AtDensity]) -> fmt::Result {
+    let digits = metric.digits;
     let plain =
         |e: Estimate| format!("{:.digits$} [{:.digits$}, {:.digits$}]", e.value, e.low, e.high);
     // Adding 0 takes the sign from -0.
@@ -125,10 +125,10 @@ fn table(text: &mut String, figure: &Figure, densities: &[AtDensity]) -> fmt::Re
     writeln!(
         text,
         "\n{}\n{:>6}  {:>26}  {:>26}  {:>30}  {:>7}  verdict",
-        figure.title, "rho", "A", "B", "B - A", "p"
+        metric.title, "rho", "A", "B", "B - A", "p"
     )?;
     for d in densities {
-        let Some(f) = (figure.of)(d) else {
+        let Some(f) = (metric.of)(d) else {
             writeln!(text, "{:>6}  too few survive to say", d.rho)?;
             continue;
         };

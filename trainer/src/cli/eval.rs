@@ -3,39 +3,46 @@
 use super::output::print;
 use super::{Failure, input};
 use crate::evaluate::conditions::Extent;
+use crate::evaluate::goals::assess;
 use crate::evaluate::report::Report;
 use clap::Args;
 use leg_process::policy_file::PolicyFile;
 use std::path::PathBuf;
 
-/// Seed of the starts, unless another is asked for. Trainings draw theirs
-/// otherwise: no policy has seen these.
+/// Default seed of the starts. Trainings draw their starts from other streams, so no policy
+/// was trained or selected on these.
 pub(super) const SEED: u64 = 4_607_469;
 
-/// Most starts at each density: a share is then known to within 0.0005.
+/// Largest number of starts at each density ratio: the standard error of a share is then at
+/// most 0.0005.
 pub(super) const MOST_STARTS: i64 = 1_000_000;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
-    /// The policy file
+    /// Policy file to evaluate
     #[arg(long)]
     policy: PathBuf,
     /// Print one JSON object instead of tables
     #[arg(long)]
     json: bool,
-    /// Random starts at each density, from 1 to 1000000
+    /// Number of random starts at each density ratio, from 1 to 1000000
     #[arg(
         long,
         default_value_t = 5000,
         value_parser = clap::value_parser!(u32).range(1..=MOST_STARTS)
     )]
     starts: u32,
-    /// Seed of the starts
+    /// Seed of the random starts
     #[arg(long, default_value_t = SEED)]
     seed: u64,
-    /// Moon and mars at every density, not only on land
+    /// Evaluate moon and mars at every density ratio, not only on land
     #[arg(long)]
     full: bool,
+}
+
+/// Returns the tables of a report and how it compares with the goals.
+pub(super) fn text(report: &Report) -> String {
+    format!("{report}\n{}", assess(report))
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
@@ -43,5 +50,5 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let policy = bytes.policy().map_err(input)?;
     let extent = if arguments.full { Extent::Full } else { Extent::Land };
     let report = Report::of(&policy, arguments.starts as usize, arguments.seed, extent);
-    if arguments.json { print(&report.to_json()) } else { print(&report.to_string()) }
+    if arguments.json { print(&report.to_json()) } else { print(&text(&report)) }
 }

@@ -2,10 +2,10 @@
 
 use super::output::{Target, print};
 use super::{Failure, failed, input};
-use crate::bridge::draft::{Draft, Given, Imported};
+use crate::bridge::imported::{CompleteActor, ImportOptions, ImportedActor};
 use crate::bridge::{ImportError, json, onnx, safetensors};
 use crate::evaluate::gains::search;
-use crate::policy::{About, blob, blob_of};
+use crate::policy::{PolicyInfo, blob, blob_with_manifest};
 use anyhow::{Context, anyhow};
 use clap::{Args, value_parser};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -67,22 +67,22 @@ pub(super) struct Arguments {
     #[arg(long, value_delimiter = ',', conflicts_with_all = ["onnx", "json"])]
     layers: Option<Vec<String>>,
     /// Subtracted from the inputs: m/s, m, ratio
-    #[arg(long, value_name = "VX,Y,RHO", value_parser = figures::<3>, allow_hyphen_values = true)]
+    #[arg(long, value_name = "VX,Y,RHO", value_parser = numbers::<3>, allow_hyphen_values = true)]
     observation_offset: Option<Figures<3>>,
     /// Then multiplied with them
-    #[arg(long, value_name = "VX,Y,RHO", value_parser = figures::<3>, allow_hyphen_values = true)]
+    #[arg(long, value_name = "VX,Y,RHO", value_parser = numbers::<3>, allow_hyphen_values = true)]
     observation_scale: Option<Figures<3>>,
     /// Added to the scaled tanh: rad, m/s
-    #[arg(long, value_name = "ALPHA,RS", value_parser = figures::<2>, allow_hyphen_values = true)]
+    #[arg(long, value_name = "ALPHA,RS", value_parser = numbers::<2>, allow_hyphen_values = true)]
     action_offset: Option<Figures<2>>,
     /// Multiplied with the tanh: rad, m/s
-    #[arg(long, value_name = "ALPHA,RS", value_parser = figures::<2>, allow_hyphen_values = true)]
+    #[arg(long, value_name = "ALPHA,RS", value_parser = numbers::<2>, allow_hyphen_values = true)]
     action_scale: Option<Figures<2>>,
     /// Lowest action: rad, m/s
-    #[arg(long, value_name = "ALPHA,RS", value_parser = figures::<2>, allow_hyphen_values = true)]
+    #[arg(long, value_name = "ALPHA,RS", value_parser = numbers::<2>, allow_hyphen_values = true)]
     action_low: Option<Figures<2>>,
     /// Highest action: rad, m/s
-    #[arg(long, value_name = "ALPHA,RS", value_parser = figures::<2>, allow_hyphen_values = true)]
+    #[arg(long, value_name = "ALPHA,RS", value_parser = numbers::<2>, allow_hyphen_values = true)]
     action_high: Option<Figures<2>>,
     /// Integral gain of the velocity cascade, at every density [with --feed-forward: 0.05]
     #[arg(long, value_parser = value_parser!(f32))]
@@ -107,11 +107,11 @@ struct Source {
     json: Option<PathBuf>,
 }
 
-/// So many figures, separated by commas.
+/// So many numbers, separated by commas.
 #[derive(Clone, Copy, Debug)]
 struct Figures<const N: usize>([f32; N]);
 
-fn figures<const N: usize>(text: &str) -> Result<Figures<N>, String> {
+fn numbers<const N: usize>(text: &str) -> Result<Figures<N>, String> {
     let number = |part: &str| {
         let finite = part.trim().parse().ok().filter(|x: &f32| x.is_finite());
         finite.ok_or_else(|| format!("'{part}' is not a finite number"))
@@ -119,7 +119,7 @@ fn figures<const N: usize>(text: &str) -> Result<Figures<N>, String> {
     let numbers: Vec<f32> = text.split(',').map(number).collect::<Result<_, _>>()?;
     let count = numbers.len();
     let numbers =
-        numbers.try_into().map_err(|_| format!("{count} figures, expected {N}, by commas"))?;
+        numbers.try_into().map_err(|_| format!("{count} numbers, expected {N}, by commas"))?;
     Ok(Figures(numbers))
 }
 
@@ -130,8 +130,8 @@ impl Arguments {
         paths.into_iter().flatten().next().expect("the group is required")
     }
 
-    fn given(&self) -> Given {
-        Given {
+    fn given(&self) -> ImportOptions {
+        ImportOptions {
             observation_offset: self.observation_offset.map(|f| f.0),
             observation_scale: self.observation_scale.map(|f| f.0),
             action_offset: self.action_offset.map(|f| f.0),
@@ -141,7 +141,7 @@ impl Arguments {
         }
     }
 
-    fn draft(&self, bytes: &[u8]) -> Result<Draft, ImportError> {
+    fn draft(&self, bytes: &[u8]) -> Result<ImportedActor, ImportError> {
         match &self.source {
             Source { safetensors: Some(_), .. } => {
                 safetensors::import(bytes, self.layers.as_deref())
@@ -186,9 +186,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         if let Some(gains) = arguments.gains() {
             card.gains = gains;
         }
-        let manifest = card.manifest(&imported.frozen);
+        let manifest = card.manifest(&imported.packed);
         let gains = if arguments.gains().is_some() { "given" } else { "the policy's own" };
-        (blob_of(&manifest, &imported.frozen.packed).with_context(said).map_err(input)?, gains)
+        (
+            blob_with_manifest(&manifest, &imported.packed.weights)
+                .with_context(said)
+                .map_err(input)?,
+            gains,
+        )
     } else {
         let name = name(&stem)?;
         let given = arguments.gains();
@@ -207,11 +212,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 /// A policy whose making we know nothing of.
 fn foreign(
-    imported: &Imported,
+    imported: &CompleteActor,
     name: &str,
     gains: &[GainPoint],
 ) -> Result<AlignedBytes, ImportError> {
-    let about = About {
+    let about = PolicyInfo {
         name,
         preset: "import",
         seed: 0,
@@ -220,28 +225,28 @@ fn foreign(
         config: "",
         gains,
     };
-    Ok(blob(&imported.frozen, &about)?)
+    Ok(blob(&imported.packed, &about)?)
 }
 
 /// Searches for gains, with a word of it on a terminal.
-fn searched(imported: &Imported) -> Vec<GainPoint> {
+fn searched(imported: &CompleteActor) -> Vec<GainPoint> {
     let style = ProgressStyle::with_template("{spinner} {msg}  {elapsed}").expect("a template");
     let spinner = ProgressBar::new_spinner().with_style(style);
     spinner.set_message("searching the cascade's gains…");
     spinner.enable_steady_tick(Duration::from_millis(200));
-    let gains = search(&imported.frozen.actor());
+    let gains = search(&imported.packed.actor());
     spinner.finish_and_clear();
     gains
 }
 
 fn report(
     arguments: &Arguments,
-    imported: &Imported,
+    imported: &CompleteActor,
     policy: &AlignedBytes,
     gains: &str,
 ) -> Result<(), Failure> {
     let crc32 = Policy::parse(policy.as_slice()).map_err(failed)?.crc32();
-    let widths: Vec<String> = imported.frozen.widths.iter().map(ToString::to_string).collect();
+    let widths: Vec<String> = imported.packed.widths.iter().map(ToString::to_string).collect();
     let mut text = format!(
         "{}: {} from {}, {} bytes, CRC-32 {crc32:08x}; gains {gains}",
         arguments.out.display(),

@@ -47,11 +47,11 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let groups = groups(&arguments.runs)?;
-    let places = extent(&groups, arguments.by, arguments.zero);
+    let options = extent(&groups, arguments.by, arguments.zero);
     let how = Smoothing {
         by: arguments.by,
         zero: arguments.zero,
-        window: arguments.window.map_or_else(|| usual_window(places), f64::from),
+        window: arguments.window.map_or_else(|| usual_window(options), f64::from),
         full_steps: arguments.full_steps,
     };
     let curves = curves(&groups, &how);
@@ -62,7 +62,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
              run; give a smaller --window, or longer runs"
         )));
     }
-    let svg = draw(&curves, &how, places)
+    let svg = draw(&curves, &how, options)
         .map_err(|e| failed(anyhow!("the picture cannot be laid out: {e}")))?;
     Target { path: &arguments.out, option: "--out" }.write(svg.as_bytes())?;
     print(&summary(&curves, &how, &arguments.out))

@@ -10,7 +10,7 @@ use crate::study::plan::{Plan, Seeds};
 use crate::study::run::Jobs;
 use crate::study::shard::{Request, Shard};
 use crate::study::summary::Summary;
-use crate::study::{StudyError, list, merge};
+use crate::study::{StudyError, list, merge, picture};
 use anyhow::{Context, anyhow};
 use clap::{Args, Subcommand};
 use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
@@ -135,7 +135,7 @@ impl Study {
 /// Which exit status an error deserves.
 fn refused(error: StudyError) -> Failure {
     match error {
-        StudyError::File { .. } | StudyError::Picture(_) => failed(error),
+        StudyError::File { .. } => failed(error),
         _ => input(error),
     }
 }
@@ -179,21 +179,22 @@ fn train(folder: &Folder, seeds: Vec<u64>, jobs: NonZeroUsize) -> Result<(), Fai
 /// A seed's result in a line.
 fn told(report: &SeedReport) -> String {
     use crate::evaluate::DENSITIES;
-    use crate::evaluate::goals::{Figure, robust};
+    use crate::evaluate::goals::robust;
+    use crate::evaluate::metric::Metric;
     let seed = report.seed;
     if let Some(why) = &report.failure {
         return format!("seed {seed}: no policy: {why}");
     }
-    let survive = DENSITIES.map(|rho| (report.figure(Figure::Survive30(rho)).unwrap_or(0.0), rho));
+    let survive = DENSITIES.map(|rho| (report.metric(Metric::Survive30(rho)).unwrap_or(0.0), rho));
     let (lowest, rho) = survive.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or_default();
-    let figure = |figure| report.figure(figure).unwrap_or(0.0);
+    let metric = |metric| report.metric(metric).unwrap_or(0.0);
     let goals = robust();
-    let reached = goals.iter().filter(|goal| goal.reached(report.figure(goal.figure))).count();
+    let reached = goals.iter().filter(|goal| goal.reached(report.metric(goal.metric))).count();
     format!(
         "seed {seed}: survive30 {lowest:.4} at worst, at rho {rho}; tracks {} of 42; {:.1} m/s on \
          land; {reached} of {} goals",
-        figure(Figure::Tracked),
-        figure(Figure::MaxSpeed(0.0)),
+        metric(Metric::Tracked),
+        metric(Metric::MaxSpeed(0.0)),
         goals.len()
     )
 }
@@ -201,7 +202,9 @@ fn told(report: &SeedReport) -> String {
 /// Writes the summary, and prints it.
 fn summarise(folder: &Folder, reports: Vec<SeedReport>) -> Result<(), Failure> {
     let summary = Summary::new(folder.plan().clone(), reports);
-    summary.write(folder).map_err(refused)?;
+    let svg =
+        picture::draw(&summary).map_err(|e| failed(anyhow!("cannot draw summary.svg: {e}")))?;
+    summary.write(folder, &svg).map_err(refused)?;
     let at = folder.path().display();
     print(&format!("{summary}\n\n{at}: summary.csv, seeds.csv, summary.svg"))
 }

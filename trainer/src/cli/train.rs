@@ -1,15 +1,15 @@
 //! `trainer train`
 
 use super::config::Choice;
-use super::eval::{MOST_STARTS, SEED};
+use super::eval::{MOST_STARTS, SEED, text};
 use super::output::{Target, print};
 use super::{Failure, IsaArgument, failed, input};
 use crate::config::{Config, Length};
 use crate::evaluate::report::Report;
-use crate::finish::Finished;
 use crate::run::checkpoint::{self, Checkpoint};
 use crate::run::error::RunError;
-use crate::run::{Ended, Places, Run};
+use crate::run::{Run, RunEnd, RunOptions};
+use crate::trained::TrainedPolicy;
 use anyhow::{Context, anyhow};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -224,7 +224,7 @@ fn open(arguments: &Arguments) -> Result<Run, Failure> {
     let isa = arguments.isa.isa()?;
     let checkpoint = arguments.checkpoint()?;
     let every = arguments.checkpoint_every;
-    let places = Places {
+    let options = RunOptions {
         out: arguments.out.clone(),
         log: arguments.log(checkpoint.as_ref())?,
         tensorboard: arguments.tensorboard.clone(),
@@ -234,12 +234,12 @@ fn open(arguments: &Arguments) -> Result<Run, Failure> {
     };
     let run = if let Some(checkpoint) = checkpoint {
         arguments.agree(&checkpoint)?;
-        Run::resume(checkpoint, isa, &places)
+        Run::resume(checkpoint, isa, &options)
     } else {
         let config = arguments.config(None)?;
         // Before the training, not after it: whether there is anywhere to write to.
         drop(Target { path: &arguments.out, option: "--out" }.begin()?);
-        Run::begin(config, arguments.seed.unwrap_or(0), isa, &places)
+        Run::begin(config, arguments.seed.unwrap_or(0), isa, &options)
     };
     run.map_err(failure)
 }
@@ -261,14 +261,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let how = arguments.how_to_resume();
         failed(anyhow!("stopped by a signal after {steps} steps; no policy written; {how}"))
     };
-    if ended == Ended::Stopped {
+    if ended == RunEnd::Stopped {
         return Err(stopped());
     }
     let (config, seed) = (training.config().clone(), training.seed());
-    let search = move || Finished::new(&training);
-    let finished =
+    let search = move || TrainedPolicy::new(&training);
+    let trained =
         unless_stopped(&stop, "searching the cascade's gains…", search).ok_or_else(stopped)?;
-    let bytes = finished.blob().map_err(failed)?;
+    let bytes = trained.blob().map_err(failed)?;
     Target { path: &arguments.out, option: "--out" }.write(bytes.as_slice())?;
     closing.close().map_err(failure)?;
     let policy = Policy::parse(bytes.as_slice()).map_err(failed)?;
@@ -281,10 +281,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         arguments.isa.isa()?.name(),
         policy.crc32()
     ))?;
-    if let Some(standing) = finished.standing {
+    if let Some(score) = trained.score {
         print(&format!(
             "Kept: the actor after {} steps, the best of {} evaluations.",
-            standing.steps, config.selection.evaluations
+            score.steps, config.selection.evaluations
         ))?;
     }
     if arguments.eval_starts > 0 {
@@ -294,7 +294,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
             let out = arguments.out.display();
             failed(anyhow!("stopped by a signal; {out} is written, but was not evaluated"))
         })?;
-        print(&format!("\n{}", report.map_err(failed)?))?;
+        print(&format!("\n{}", text(&report.map_err(failed)?)))?;
     }
     Ok(())
 }

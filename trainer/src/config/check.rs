@@ -139,7 +139,7 @@ impl Config {
 }
 
 /// Checks a value and all that is in it. `path` is that of the table of keys,
-/// `shown` has the places in lists too.
+/// `shown` has the options in lists too.
 fn check_value(path: &str, shown: &str, value: &Value) -> Result<(), ConfigError> {
     if let (Value::Table(table), "") = (value, path) {
         return table.iter().try_for_each(|(key, value)| check_value(key, key, value));

@@ -33,7 +33,7 @@ pub enum ReadError {
     },
     /// A figure is out of range.
     #[error("{}: {cause}", path.display())]
-    Figure {
+    Parameter {
         /// The file.
         path: PathBuf,
         /// Which.
@@ -117,7 +117,7 @@ impl Config {
         let text = std::fs::read_to_string(path).map_err(read)?;
         let config: Self = toml::from_str(&text)
             .map_err(|cause| ReadError::Syntax { path: path.into(), cause: Box::new(cause) })?;
-        config.check().map_err(|cause| ReadError::Figure { path: path.into(), cause })?;
+        config.check().map_err(|cause| ReadError::Parameter { path: path.into(), cause })?;
         Ok(config)
     }
 

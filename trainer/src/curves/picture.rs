@@ -63,7 +63,7 @@ struct Quantity {
 ///
 /// # Errors
 /// When the drawing library cannot lay out a panel.
-pub fn draw(curves: &[Curve], how: &Smoothing, places: (f64, f64)) -> Result<String, DrawError> {
+pub fn draw(curves: &[Curve], how: &Smoothing, options: (f64, f64)) -> Result<String, DrawError> {
     let legend = Legend::new(curves);
     let head = TITLE_HEIGHT + NOTE_HEIGHT + LEGEND_HEIGHT * legend.rows();
     let (width, height) = (WIDTH, head + 2 * PANEL_HEIGHT + 2 * MARGIN);
@@ -78,8 +78,8 @@ pub fn draw(curves: &[Curve], how: &Smoothing, places: (f64, f64)) -> Result<Str
         text(&top, &note(curves, how), (LEFT, TITLE_HEIGHT), (13.0, INK))?;
         legend.draw(&top, TITLE_HEIGHT + NOTE_HEIGHT)?;
         let (upper, lower) = panels.split_vertically(px(PANEL_HEIGHT));
-        draw_panel(&upper, curves, how, places, &reward(curves))?;
-        draw_panel(&lower, curves, how, places, &full(curves))?;
+        draw_panel(&upper, curves, how, options, &reward(curves))?;
+        draw_panel(&lower, curves, how, options, &full(curves))?;
         root.present()?;
     }
     let drawn = format!("width=\"{}\" height=\"{}\"", size.0, size.1);
@@ -133,7 +133,7 @@ fn draw_panel(
     area: &Area<'_>,
     curves: &[Curve],
     how: &Smoothing,
-    places: (f64, f64),
+    options: (f64, f64),
     quantity: &Quantity,
 ) -> Result<(), DrawError> {
     let mut panel = ChartBuilder::on(area)
@@ -142,7 +142,7 @@ fn draw_panel(
         .margin_right(px(RIGHT))
         .x_label_area_size(px(42))
         .y_label_area_size(px(LEFT))
-        .build_cartesian_2d(places.0..places.1, quantity.range.clone())?;
+        .build_cartesian_2d(options.0..options.1, quantity.range.clone())?;
     panel
         .configure_mesh()
         .disable_x_mesh()

@@ -10,7 +10,7 @@ use super::log::Log;
 use super::{By, Zero};
 use crate::evaluate::survival::quantile;
 
-/// Places at which curves are computed.
+/// RunOptions at which curves are computed.
 const PLACES: usize = 600;
 
 /// Runs that are drawn as one.
@@ -94,17 +94,17 @@ pub fn usual_window((low, high): (f64, f64)) -> f64 {
 pub fn curves(groups: &[Group], how: &Smoothing) -> Vec<Curve> {
     let (low, high) = extent(groups, how.by, how.zero);
     let step = (high - low) / PLACES as f64;
-    let places: Vec<f64> = (0..=PLACES).map(|i| low + step * i as f64).collect();
-    groups.iter().map(|group| curve(group, how, &places)).collect()
+    let options: Vec<f64> = (0..=PLACES).map(|i| low + step * i as f64).collect();
+    groups.iter().map(|group| curve(group, how, &options)).collect()
 }
 
-fn curve(group: &Group, how: &Smoothing, places: &[f64]) -> Curve {
+fn curve(group: &Group, how: &Smoothing, options: &[f64]) -> Curve {
     let longest = || group.runs.iter().map(Log::longest).max().unwrap_or(0);
     let full_steps = how.full_steps.unwrap_or_else(longest);
     let runs: Vec<Smoothed> =
         group.runs.iter().map(|log| Smoothed::new(log, how, full_steps)).collect();
     let mut stretches = vec![Vec::new()];
-    for &x in places {
+    for &x in options {
         let values: Option<Vec<[f64; 2]>> = runs.iter().map(|run| run.at(x)).collect();
         let open = stretches.last_mut().expect("one at least");
         match values {

@@ -1,18 +1,18 @@
-//! Two policies from the same starts, side by side.
+//! Comparison of two policies from the same starts.
 //!
-//! The starts are drawn as [`super::report::Report`] draws them, and every one is run
-//! with both policies: what differs between starts falls out of the difference.
-//! [`super::intervals`] says how intervals and tests are computed. Tracking and
-//! highest speed have nothing random in them: there, any difference is one.
+//! The starts are drawn as [`super::report::Report`] draws them, and each rollouts with both
+//! policies, so that the differences between starts cancel. [`super::intervals`] documents
+//! the intervals and tests. Tracking and highest speed are deterministic: any difference
+//! there is a real one.
 //!
-//! What a number of starts can show: to see a survival of 0.998 against 0.997 with
-//! a chance of 0.8, where the two fall independently of each other, takes some
-//! 40,000 starts ((1.96 + 0.84)^2 (0.002 + 0.003) / 0.001^2), and 64,000 where Holm's
-//! adjustment for eight densities bites fully (2.73 for 1.96). Policies that fall from
-//! the same starts need fewer. 5,000 starts resolve 0.998 against 0.9946.
+//! Statistical power: a survival of 0.998 against 0.997 is detected with probability 0.8
+//! from about 40,000 starts where the policies fall independently of each other
+//! ((1.96 + 0.84)^2 (0.002 + 0.003) / 0.001^2), or from 64,000 where Holm's adjustment for
+//! eight density ratios has its full effect (2.73 for 1.96). Policies that fall from the
+//! same starts need fewer. 5,000 starts resolve 0.998 against 0.9946.
 
 use super::intervals::{CONFIDENCE, Estimate, Pairs, holm, mean, median, sign_test};
-use super::survival::{Run, draw_starts, runs};
+use super::survival::{Rollout, draw_starts, rollouts};
 use super::tracking::{Tracking, highest_speeds, tracking_table};
 use super::{DENSITIES, hopper};
 use leg_control::policy::Policy;
@@ -20,102 +20,102 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use serde::Serialize;
 
-/// Which of the two is better.
+/// Which of two policies is better by a metric.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
-    /// The first.
+    /// The first policy is better.
     ABetter,
-    /// The second.
+    /// The second policy is better.
     BBetter,
-    /// What is seen may well be chance.
+    /// The difference is not significant.
     NoDifferenceSeen,
 }
 
-/// Which way is better.
+/// The direction in which a metric improves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Better {
     More,
     Less,
 }
 
-/// A figure of both policies, and by how much they differ from the same starts.
+/// A metric of both policies, and its difference from the same starts.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Paired {
-    /// Of the first.
+    /// Estimate for the first policy.
     pub a: Estimate,
-    /// Of the second.
+    /// Estimate for the second policy.
     pub b: Estimate,
-    /// Of the second less the first.
+    /// The second minus the first.
     pub difference: Estimate,
-    /// How likely at least such a difference is where there is none; by itself.
+    /// Probability of at least such a difference where there is none, before adjustment.
     pub p: f64,
-    /// After Holm's adjustment of `p` over the densities.
+    /// Verdict after Holm's adjustment of `p` over the density ratios.
     pub verdict: Verdict,
 }
 
-/// Both policies at one density.
+/// Both policies at one density ratio.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct AtDensity {
     /// Density ratio.
     pub rho: f64,
-    /// What became of the starts: survived with both, with one, with neither.
+    /// Number of starts that survive with both, with one and with neither.
     pub starts: Pairs,
-    /// Share that survives 30 hops.
+    /// Share of starts that survive 30 hops.
     pub survive30: Paired,
-    /// Median |v| after 30 hops of those that survive, m/s; the difference is the
-    /// median of the differences from starts that survive with both. `None` where
-    /// fewer than six do.
+    /// Median |v| of the survivors after 30 hops, m/s. The difference is the median of the
+    /// differences over the starts that survive with both; `None` where fewer than six do.
     pub abs_v_median: Option<Paired>,
-    /// Mean reward over 5 steps.
+    /// Mean over the starts of the reward over 5 steps.
     pub reward5: Paired,
 }
 
-/// A set-point that the two do not follow alike.
+/// A set-point at which the two policies differ.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct TrackingDiffers {
-    /// The first.
+pub struct TrackingDifference {
+    /// Rollout of the first policy.
     pub a: Tracking,
-    /// The second.
+    /// Rollout of the second policy.
     pub b: Tracking,
 }
 
-/// Set-points with a known steady gait: how many are followed.
+/// Numbers of set-points with a known steady gait.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Tracked {
-    /// Tracked.
+    /// Set-points tracked.
     pub tracked: usize,
-    /// Fallen.
+    /// FailedStarts.
     pub fell: usize,
-    /// In all.
+    /// All set-points with a known steady gait.
     pub possible: usize,
 }
 
-/// Everything about two policies.
+/// The comparison of two policies.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Comparison {
-    /// At each density.
+    /// Number of starts at each density ratio.
     pub starts: usize,
-    /// Of the starts.
+    /// Seed of the starts.
     pub seed: u64,
-    /// By density, lowest first.
+    /// Metrics by density ratio, ascending.
     pub densities: Vec<AtDensity>,
-    /// Of the first and of the second.
+    /// Tracking of the first and of the second policy.
     pub tracked: [Tracked; 2],
-    /// Set-points with a known steady gait that one tracks and one does not, or that
-    /// make one fall and one not.
-    pub tracking_differs: Vec<TrackingDiffers>,
-    /// By density: of the first and of the second, m/s.
+    /// Set-points with a known steady gait at which the policies differ in tracking or in
+    /// falling.
+    pub tracking_differs: Vec<TrackingDifference>,
+    /// Highest speed of the first and of the second policy by density ratio, m/s.
     pub max_speed: Vec<(f64, [f64; 2])>,
 }
 
-/// A verdict yet to be adjusted.
+/// Returns a metric whose verdict [`judge`] will set.
 fn paired(a: Estimate, b: Estimate, difference: Estimate, p: f64) -> Paired {
     Paired { a, b, difference, p, verdict: Verdict::NoDifferenceSeen }
 }
 
-/// Gives each its verdict, of all as one question. `leaning` is how many pairs more
-/// favour the second: the sign is the test's, where a median may be 0.
+/// Sets the verdicts of one metric over all density ratios, by Holm's adjustment. The second
+/// item of a row has the sign of the test statistic, because the median may be 0: positive
+/// where the second policy has the higher values.
 fn judge(rows: &mut [(&mut Paired, f64)], better: Better) {
     let p: Vec<f64> = rows.iter().map(|(row, _)| row.p).collect();
     for ((row, leaning), p) in rows.iter_mut().zip(holm(&p)) {
@@ -132,9 +132,10 @@ fn sorted(mut values: Vec<f64>) -> Vec<f64> {
     values
 }
 
-/// Speeds that are left, and how many more of the differences are above 0 than below.
-fn speeds(a: &[Run], b: &[Run]) -> Option<(Paired, f64)> {
-    let of = |runs: &[Run]| sorted(runs.iter().filter_map(|r| r.last_abs_v).collect());
+/// Returns the speeds of the survivors, and by how much more differences are above 0 than
+/// below.
+fn speeds(a: &[Rollout], b: &[Rollout]) -> Option<(Paired, f64)> {
+    let of = |rollouts: &[Rollout]| sorted(rollouts.iter().filter_map(|r| r.last_abs_v).collect());
     let pairs = a.iter().zip(b).filter_map(|(a, b)| Some(b.last_abs_v? - a.last_abs_v?));
     let differences = sorted(pairs.collect());
     let above = differences.iter().filter(|&&d| d > 0.0).count() as u64;
@@ -143,14 +144,16 @@ fn speeds(a: &[Run], b: &[Run]) -> Option<(Paired, f64)> {
     Some((paired(a, b, difference, sign_test(above, below)), above as f64 - below as f64))
 }
 
-fn rewards(a: &[Run], b: &[Run]) -> Paired {
-    let of = |runs: &[Run]| mean(&runs.iter().map(|r| r.reward5).collect::<Vec<_>>()).0;
+/// Returns the rewards, with the normal test of the mean difference.
+fn rewards(a: &[Rollout], b: &[Rollout]) -> Paired {
+    let of = |rollouts: &[Rollout]| mean(&rollouts.iter().map(|r| r.reward5).collect::<Vec<_>>()).0;
     let differences: Vec<f64> = a.iter().zip(b).map(|(a, b)| b.reward5 - a.reward5).collect();
     let (difference, p) = mean(&differences);
     paired(of(a), of(b), difference, p)
 }
 
-fn survivors(a: &[Run], b: &[Run]) -> Pairs {
+/// Counts which policies survive each start.
+fn survivors(a: &[Rollout], b: &[Rollout]) -> Pairs {
     let mut pairs = Pairs::default();
     for (a, b) in a.iter().zip(b) {
         *match (a.last_abs_v.is_some(), b.last_abs_v.is_some()) {
@@ -163,10 +166,10 @@ fn survivors(a: &[Run], b: &[Run]) -> Pairs {
     pairs
 }
 
-/// At every density, by what two policies' runs from the same starts came to.
-fn at_densities(runs: &[(f64, Vec<Run>, Vec<Run>)]) -> Vec<AtDensity> {
+/// Compares the rollouts of two policies from the same starts, by density ratio.
+fn at_densities(rollouts: &[(f64, Vec<Rollout>, Vec<Rollout>)]) -> Vec<AtDensity> {
     let mut leanings = Vec::new();
-    let mut rows: Vec<AtDensity> = runs
+    let mut rows: Vec<AtDensity> = rollouts
         .iter()
         .map(|(rho, a, b)| {
             let starts = survivors(a, b);
@@ -188,8 +191,8 @@ fn at_densities(runs: &[(f64, Vec<Run>, Vec<Run>)]) -> Vec<AtDensity> {
     rows
 }
 
-/// Which set-points with a known gait are followed, and by which only.
-fn tracking(a: &[Tracking], b: &[Tracking]) -> ([Tracked; 2], Vec<TrackingDiffers>) {
+/// Counts the set-points that are tracked, and lists those at which the policies differ.
+fn tracking(a: &[Tracking], b: &[Tracking]) -> ([Tracked; 2], Vec<TrackingDifference>) {
     let count = |all: &[Tracking]| {
         let possible = || all.iter().filter(|t| t.possible());
         Tracked {
@@ -201,11 +204,11 @@ fn tracking(a: &[Tracking], b: &[Tracking]) -> ([Tracked; 2], Vec<TrackingDiffer
     let differ =
         |a: &Tracking, b: &Tracking| a.possible() && (a.tracked(), a.fell) != (b.tracked(), b.fell);
     let differing = a.iter().zip(b).filter(|(a, b)| differ(a, b));
-    ([count(a), count(b)], differing.map(|(&a, &b)| TrackingDiffers { a, b }).collect())
+    ([count(a), count(b)], differing.map(|(&a, &b)| TrackingDifference { a, b }).collect())
 }
 
 impl Comparison {
-    /// Runs two policies from `starts` starts at each density, the same for both.
+    /// Runs two policies from the same `starts` random starts at each density ratio.
     ///
     /// # Panics
     /// If there are no starts.
@@ -214,7 +217,7 @@ impl Comparison {
         assert!(starts > 0, "nothing to compare without starts");
         let drawn = draw_starts(starts, &mut Pcg64::seed_from_u64(seed));
         let both = DENSITIES.map(|rho| {
-            let of = |policy: &Policy<'_>| runs(policy.actor(), &hopper(rho), rho, &drawn);
+            let of = |policy: &Policy<'_>| rollouts(policy.actor(), &hopper(rho), rho, &drawn);
             (rho, of(a), of(b))
         });
         let table = |policy: &Policy<'_>| tracking_table(policy.actor(), &policy.manifest().gains);
@@ -231,7 +234,7 @@ impl Comparison {
         }
     }
 
-    /// As one JSON object.
+    /// Returns the comparison as one JSON object.
     ///
     /// # Panics
     /// Never: every number has a JSON form.
@@ -240,8 +243,8 @@ impl Comparison {
         serde_json::to_string(self).expect("numbers have a JSON form")
     }
 
-    /// Every figure that comes from random starts.
-    pub fn figures(&self) -> impl Iterator<Item = &Paired> {
+    /// Returns every metric that comes from random starts.
+    pub fn metrics(&self) -> impl Iterator<Item = &Paired> {
         self.densities.iter().flat_map(|d| {
             [Some(&d.survive30), d.abs_v_median.as_ref(), Some(&d.reward5)].into_iter().flatten()
         })
@@ -252,19 +255,19 @@ impl Comparison {
 mod tests {
     use super::*;
 
-    fn run(last_abs_v: Option<f64>, reward5: f64) -> Run {
-        Run { last_abs_v, reward5 }
+    fn rollout(last_abs_v: Option<f64>, reward5: f64) -> Rollout {
+        Rollout { last_abs_v, reward5 }
     }
 
     #[test]
-    fn what_differs_is_seen_and_what_does_not_is_not() {
-        // B survives where A falls in 30 of 1,000, stops better, earns the same.
+    fn a_verdict_names_the_better_policy_only_where_they_differ() {
+        // Of 1,000 starts B survives 30 more, stops better and has the same rewards.
         let reward = |i: u32| f64::from(i % 7);
-        let a: Vec<Run> = (0..1_000)
-            .map(|i| run((i >= 30).then_some(0.02 + 1e-6 * f64::from(i)), reward(i)))
+        let a: Vec<Rollout> = (0..1_000)
+            .map(|i| rollout((i >= 30).then_some(0.02 + 1e-6 * f64::from(i)), reward(i)))
             .collect();
-        let b: Vec<Run> = (0..1_000)
-            .map(|i| run(Some(0.01 + 1e-6 * f64::from(i)), reward(i + i % 2 * 7)))
+        let b: Vec<Rollout> = (0..1_000)
+            .map(|i| rollout(Some(0.01 + 1e-6 * f64::from(i)), reward(i + i % 2 * 7)))
             .collect();
         let rows = at_densities(&[(0.0, a.clone(), b.clone()), (1.0, b, a)]);
         let starts = rows[0].starts;
@@ -280,10 +283,10 @@ mod tests {
     }
 
     #[test]
-    fn eight_densities_are_one_question() {
-        // p = 2^-5 by itself, 8 times that among eight.
-        let fell = |count: u32| -> Vec<Run> {
-            (0..200).map(|i| run((i >= count).then_some(0.1), 1.0)).collect()
+    fn a_verdict_is_adjusted_for_the_number_of_density_ratios() {
+        // p is 2^-5 alone, and 8 times that among eight.
+        let fell = |count: u32| -> Vec<Rollout> {
+            (0..200).map(|i| rollout((i >= count).then_some(0.1), 1.0)).collect()
         };
         let one = (0.0, fell(6), fell(0));
         let rows = at_densities(std::slice::from_ref(&one));
@@ -298,8 +301,8 @@ mod tests {
     }
 
     #[test]
-    fn without_survivors_there_is_no_speed() {
-        let fell = vec![run(None, 0.0); 100];
+    fn the_median_speed_is_none_without_survivors() {
+        let fell = vec![rollout(None, 0.0); 100];
         let rows = at_densities(&[(0.0, fell.clone(), fell)]);
         assert_eq!(rows[0].abs_v_median, None);
         assert_eq!(rows[0].survive30.verdict, Verdict::NoDifferenceSeen);

@@ -1,4 +1,4 @@
-//! Other legs and worlds: what the actor was not told that it would meet.
+//! Conditions that an actor was not trained for: other legs and other gravity.
 
 use super::DENSITIES;
 use super::survival::{Survival, survival};
@@ -8,28 +8,29 @@ use serde::Serialize;
 use serde::ser::{SerializeStruct, Serializer};
 use std::fmt;
 
-/// Stiffnesses of the paper's basins of attraction, N/m, at 80 kg.
+/// Stiffnesses of the paper's basins of attraction at 80 kg, N/m.
 const STIFFNESS_N_M: [f64; 6] = [5_000.0, 10_000.0, 15_000.0, 20_000.0, 30_000.0, 40_000.0];
-/// And the dry masses, kg, at 20,000 N/m, but for the 80 kg that are among the above.
+/// Dry masses of the paper's basins of attraction at 20,000 N/m, kg. The 80 kg of the
+/// paper's leg are among the stiffnesses.
 const MASS_KG: [f64; 4] = [40.0, 60.0, 100.0, 120.0];
-const WORLDS: [Medium; 2] = [Medium::MOON, Medium::MARS];
+const PLANETS: [Medium; 2] = [Medium::MOON, Medium::MARS];
 
-/// How many conditions are evaluated.
+/// The set of conditions that an evaluation covers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Extent {
-    /// On land: other springs and masses, moon and mars.
+    /// Other springs and masses, moon and mars, all on land.
     #[default]
     Land,
-    /// As well: moon and mars at every density.
+    /// In addition moon and mars at every density ratio.
     Full,
 }
 
-/// In what a condition differs from the paper's leg on earth.
+/// The difference of a condition from the paper's leg on earth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Change {
-    /// The spring's stiffness, N/m.
+    /// Stiffness of the spring, N/m.
     Stiffness(f64),
-    /// The dry mass, kg. Volume, areas and added mass stay.
+    /// Dry mass, kg. Volume, areas and added mass stay the same.
     Mass(f64),
     /// Gravity, m/s2.
     Gravity(f64),
@@ -47,34 +48,34 @@ impl fmt::Display for Change {
     }
 }
 
-/// One change, at one density.
+/// A change at one density ratio.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Condition {
-    /// From the paper's leg on earth.
+    /// Difference from the paper's leg on earth.
     pub change: Change,
     /// Density ratio.
     pub rho: f64,
 }
 
 impl Condition {
-    /// On land.
+    /// Returns the condition with a change on land.
     #[must_use]
     pub const fn on_land(change: Change) -> Self {
         Self { change, rho: 0.0 }
     }
 
-    /// All of an extent: springs, masses, worlds; on land first.
+    /// Returns the conditions of an extent: springs, masses, gravity; land first.
     #[must_use]
     pub fn all(extent: Extent) -> Vec<Self> {
-        let worlds = || WORLDS.map(|world| Change::Gravity(world.gravity_m_s2()));
+        let planets = || PLANETS.map(|planet| Change::Gravity(planet.gravity_m_s2()));
         let land = || {
             let springs = STIFFNESS_N_M.map(Change::Stiffness).into_iter();
             let masses = MASS_KG.map(Change::Mass);
-            springs.chain(masses).chain(worlds()).map(Self::on_land)
+            springs.chain(masses).chain(planets()).map(Self::on_land)
         };
         let wet = || {
             let densities = DENSITIES.into_iter().filter(|&rho| rho > 0.0);
-            worlds()
+            planets()
                 .into_iter()
                 .flat_map(move |change| densities.clone().map(move |rho| Self { change, rho }))
         };
@@ -84,7 +85,7 @@ impl Condition {
         }
     }
 
-    /// The leg, and what it is in.
+    /// Returns the leg and the medium.
     ///
     /// # Panics
     /// If the change or the density is not physical.
@@ -101,28 +102,28 @@ impl Condition {
         (Leg::new(leg).expect("a leg"), medium)
     }
 
-    /// How the actor does in it.
+    /// Runs every start in this condition.
     #[must_use]
-    pub fn run(self, actor: &Actor<'_>, starts: &[Apex]) -> Elsewhere {
+    pub fn run(self, actor: &Actor<'_>, starts: &[Apex]) -> ConditionResult {
         let (leg, medium) = self.leg_and_medium();
         let survival = survival(actor, &Hopper::new(&leg, medium), self.rho, starts);
-        Elsewhere { condition: self, survival }
+        ConditionResult { condition: self, survival }
     }
 }
 
-/// How an actor does in a condition.
+/// The survival of an actor in a condition.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Elsewhere {
+pub struct ConditionResult {
     /// The condition.
     pub condition: Condition,
-    /// What became of the starts, the same as at home.
+    /// Outcome of the same starts as with the paper's leg on earth.
     pub survival: Survival,
 }
 
-impl Serialize for Elsewhere {
+impl Serialize for ConditionResult {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let (leg, medium) = self.condition.leg_and_medium();
-        let mut row = serializer.serialize_struct("Elsewhere", 9)?;
+        let mut row = serializer.serialize_struct("ConditionResult", 9)?;
         row.serialize_field("name", &self.condition.change.to_string())?;
         row.serialize_field("stiffness_n_m", &leg.parameters().stiffness_n_m)?;
         row.serialize_field("mass_kg", &leg.parameters().mass_kg)?;
@@ -143,7 +144,7 @@ mod tests {
     use leg_plant::{Action, Apex, Hopper, Leg};
 
     #[test]
-    fn a_change_changes_one_thing() {
+    fn a_condition_changes_exactly_one_parameter() {
         for condition in Condition::all(Extent::Full) {
             let (leg, medium) = condition.leg_and_medium();
             let (p, human) = (leg.parameters(), Leg::human());
@@ -163,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn the_papers_spring_is_the_leg_at_home() {
+    fn the_papers_stiffness_gives_the_leg_of_the_trainings() {
         let (leg, medium) = Condition::on_land(Change::Stiffness(20_000.0)).leg_and_medium();
         let apex = Apex { vx_m_s: 0.3, y_m: 2.0 };
         let action = Action { touchdown_angle_rad: 1.6, elongation_speed_m_s: 0.1 };

@@ -1,11 +1,11 @@
-//! Gains for the way from one medium into another.
+//! Refinement of a gain schedule for the way from one medium into another.
 //!
-//! Gains that are best at each density by itself need not be so in between: what the
-//! integral has learnt in one medium is wrong in the next. So the feed-forward and the
-//! integral gain of each point of a schedule are tried again, on legs that walk out of
-//! the water and back in.
+//! Gains that are best at each density ratio alone need not be best in between, because the
+//! integral of one medium is wrong in the next. So this module tries the feed-forward and
+//! the integral gain of each point of a schedule again, with a leg that hops out of the
+//! water and back in.
 
-use super::gains::{KI, error_when_switched, schedule, score};
+use super::score::{KI, error_when_switched, schedule, score};
 use super::tracking::highest_speed;
 use super::{hop, hopper};
 use leg_control::actor::Actor;
@@ -14,25 +14,27 @@ use leg_control::velocity::{Cascade, gains_at};
 use leg_plant::Apex;
 use rayon::prelude::*;
 
-/// Set-points of the walks, m/s.
+/// Set-points of the crossings, m/s.
 const SPEEDS: [f32; 2] = [0.5, 1.0];
-/// Hops to settle, which do not count; then from one end to the other; then beyond.
+/// Hops to settle, whose errors do not count.
 const SETTLING: u32 = 10;
+/// Hops from one medium to the other.
 const CROSSING: u32 = 30;
+/// Hops after the crossing.
 const BEYOND: u32 = 10;
-/// What is added to a feed-forward.
-const MORE: [f32; 8] = [-1.0, -0.5, -0.25, -0.125, 0.125, 0.25, 0.5, 1.0];
+/// Steps from a feed-forward that are tried.
+const FEED_FORWARD_STEPS: [f32; 8] = [-1.0, -0.5, -0.25, -0.125, 0.125, 0.25, 0.5, 1.0];
 /// Rounds over all points.
 const ROUNDS: usize = 2;
-/// What jumps of the set-point count beside the walks.
-const JUMPS: f64 = 0.2;
-/// Share of the highest speed that must be left.
-const AS_FAST: f64 = 0.9;
+/// Weight of the jumps of the set-point beside the crossings.
+const JUMP_WEIGHT: f64 = 0.2;
+/// Share of the highest speed that a point must keep.
+const SPEED_KEPT: f64 = 0.9;
 
-/// The sum of errors, m/s, on the way from density ratio 1 to 0 and back, at each
-/// speed; `None` if the leg falls.
+/// Returns the sum of the velocity errors on the way from density ratio 1 to 0 and back, at
+/// each set-point, m/s; `None` if the leg falls.
 fn error_when_crossing(actor: &Actor<'_>, gains: &GainSchedule) -> Option<f64> {
-    let walk = |speed: f32, out: bool| {
+    let crossing = |speed: f32, out: bool| {
         let mut cascade = Cascade::new();
         let mut apex = Apex { vx_m_s: 0.0, y_m: 2.0 };
         let mut sum = 0.0;
@@ -47,20 +49,22 @@ fn error_when_crossing(actor: &Actor<'_>, gains: &GainSchedule) -> Option<f64> {
         }
         Some(sum)
     };
-    SPEEDS.iter().try_fold(0.0, |sum, &speed| Some(sum + walk(speed, true)? + walk(speed, false)?))
+    SPEEDS
+        .iter()
+        .try_fold(0.0, |sum, &speed| Some(sum + crossing(speed, true)? + crossing(speed, false)?))
 }
 
-/// The sum that is made small: walks, and jumps at the density of point `at`.
+/// Returns the error that is minimised: crossings, and jumps at the density of point `at`.
 fn error(actor: &Actor<'_>, gains: &[GainPoint], at: usize) -> f64 {
     let rho = f64::from(gains[at].density_ratio);
-    let walks = error_when_crossing(actor, &gains.iter().copied().collect());
+    let crossings = error_when_crossing(actor, &gains.iter().copied().collect());
     let jumps = error_when_switched(actor, &schedule(gains[at]), rho);
-    walks.zip(jumps).map_or(f64::INFINITY, |(walks, jumps)| walks + JUMPS * jumps)
+    crossings.zip(jumps).map_or(f64::INFINITY, |(crossings, jumps)| crossings + JUMP_WEIGHT * jumps)
 }
 
-/// The schedule made better for crossings, without fewer set-points tracked, more falls
-/// or much less speed at any of its densities.
-pub(super) fn smoothed(
+/// Refines a schedule for crossings. No point may lose a tracked set-point, gain a fall or
+/// fall below [`SPEED_KEPT`] of its highest speed.
+pub(super) fn refine_for_crossings(
     actor: &Actor<'_>,
     mut gains: Vec<GainPoint>,
     rho: &[f64],
@@ -68,10 +72,11 @@ pub(super) fn smoothed(
     let before: Vec<_> = gains.iter().zip(rho).map(|(g, &rho)| score(actor, *g, rho)).collect();
     let speed = |g: GainPoint, rho: f64| highest_speed(actor, &schedule(g), rho);
     let fast: Vec<f64> =
-        gains.par_iter().zip(rho).map(|(g, &rho)| AS_FAST * speed(*g, rho)).collect();
+        gains.par_iter().zip(rho).map(|(g, &rho)| SPEED_KEPT * speed(*g, rho)).collect();
     for at in (0..ROUNDS).flat_map(|_| (0..rho.len()).rev()) {
         let now = gains[at];
-        let forward = MORE.map(|m| GainPoint { feed_forward: now.feed_forward + m, ..now });
+        let forward =
+            FEED_FORWARD_STEPS.map(|m| GainPoint { feed_forward: now.feed_forward + m, ..now });
         let integral = KI.map(|ki| GainPoint { ki, ..now });
         let tried: Vec<(f64, GainPoint)> = forward
             .into_iter()

@@ -1,42 +1,28 @@
-//! The cascade's gains for an actor: a search at each density.
+//! The search for the velocity cascade's gains for an actor, at each density ratio.
 
-use super::crossing::smoothed;
-use super::tracking::{SET_POINTS, highest_speed, possible, track};
-use super::{DENSITIES, hop, hopper};
+use super::DENSITIES;
+use super::crossing::refine_for_crossings;
+use super::score::{GainScore, KI, error_when_switched, schedule, score};
+use super::tracking::highest_speed;
 use leg_control::actor::Actor;
-use leg_control::policy::{GainPoint, GainSchedule};
-use leg_control::velocity::{Cascade, gains_at};
-use leg_plant::Apex;
+use leg_control::policy::GainPoint;
 use rayon::prelude::*;
 
-/// What is tried, each with each. The paper's code integrates; its text names
-/// derivative and feed-forward. (A proportional term gained nothing beside them.)
-pub(super) const KI: [f32; 5] = [0.05, 0.1, 0.2, 0.4, 0.7];
+/// Derivative gains and feed-forwards that are tried with every integral gain. The paper's
+/// code integrates only; its text names these two. A proportional term beside them gained
+/// nothing.
 const KD: [f32; 2] = [0.0, 0.3];
 const FEED_FORWARD: [f32; 6] = [0.0, 0.5, 1.0, 1.5, 2.5, 4.0];
-/// What is then added to the best feed-forward: the nearer it comes to what a speed
-/// takes, the less is left for the integral to find out, and to carry into a medium
-/// where it is no longer so.
+/// Steps from the best feed-forward that are tried next. The closer the feed-forward is to
+/// what a speed needs, the less error the integral carries into the next medium.
 const FINER: [f32; 10] = [-0.75, -0.5, -0.375, -0.25, -0.125, 0.125, 0.25, 0.375, 0.5, 0.75];
+/// Bounds of the velocity offset that are tried, m/s.
 const LIMIT_M_S: [f32; 5] = [1.0, 2.0, 4.0, 8.0, 16.0];
-/// Of the candidates that track the most, those this near to the fastest are
-/// held to be as fast, and the one that follows jumps best is taken.
+/// Share of the highest speed from which a candidate counts as equally fast. Of those the
+/// one with the smallest error after jumps of the set-point is taken.
 const AS_FAST: f64 = 0.9;
 
-/// How gains do at one density.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Score {
-    falls: usize,
-    tracked: usize,
-}
-
-impl Score {
-    /// The higher, the better: first of all no falls.
-    pub(super) fn rank(self) -> (std::cmp::Reverse<usize>, usize) {
-        (std::cmp::Reverse(self.falls), self.tracked)
-    }
-}
-
+/// Returns every combination of the gains that are tried first.
 fn candidates(density_ratio: f32) -> impl Iterator<Item = GainPoint> {
     KI.into_iter().flat_map(move |ki| {
         KD.into_iter().flat_map(move |kd| {
@@ -54,55 +40,17 @@ fn candidates(density_ratio: f32) -> impl Iterator<Item = GainPoint> {
     })
 }
 
-pub(super) fn schedule(gains: GainPoint) -> GainSchedule {
-    [gains].into_iter().collect()
-}
-
-/// The sum of errors, m/s, while the set-point jumps to and fro; `None` if the
-/// leg falls. Set-points that no gait reaches count by what they leave behind.
-pub(super) fn error_when_switched(
-    actor: &Actor<'_>,
-    gains: &GainSchedule,
-    rho: f64,
-) -> Option<f64> {
-    let hopper = hopper(rho);
-    let mut cascade = Cascade::new();
-    let mut apex = Apex { vx_m_s: 0.0, y_m: 2.0 };
-    let mut sum = 0.0;
-    for set_point in [0.5, 1.0, -2.0, 0.5, 2.0, -1.0, 1.0, 0.0] {
-        let counts = possible(rho, f64::from(set_point));
-        for _ in 0..25 {
-            let u = cascade.update(&gains_at(gains, rho as f32), set_point, apex.vx_m_s as f32);
-            apex = hop(actor, &hopper, rho, apex, u)?;
-            if counts {
-                sum += (apex.vx_m_s - f64::from(set_point)).abs();
-            }
-        }
-    }
-    Some(sum)
-}
-
-pub(super) fn score(actor: &Actor<'_>, gains: GainPoint, rho: f64) -> Score {
-    let schedule = schedule(gains);
-    let runs = SET_POINTS.map(|v| track(actor, &schedule, rho, v));
-    Score {
-        falls: runs.iter().filter(|t| t.fell).count()
-            + usize::from(error_when_switched(actor, &schedule, rho).is_none()),
-        tracked: runs.iter().filter(|t| t.possible() && t.tracked()).count(),
-    }
-}
-
-/// Gains with all that they are ranked by.
+/// Gains with everything that ranks them.
 #[derive(Clone, Copy, Debug)]
 struct Ranked {
     gains: GainPoint,
-    score: Score,
+    score: GainScore,
     error: f64,
     speed: f64,
 }
 
 impl Ranked {
-    fn new(actor: &Actor<'_>, rho: f64, gains: GainPoint, score: Score) -> Self {
+    fn new(actor: &Actor<'_>, rho: f64, gains: GainPoint, score: GainScore) -> Self {
         let schedule = schedule(gains);
         Self {
             gains,
@@ -113,9 +61,10 @@ impl Ranked {
     }
 }
 
+/// Returns the best gains at one density ratio.
 fn best_at(actor: &Actor<'_>, rho: f64) -> GainPoint {
     let scored = |gains: GainPoint| (gains, score(actor, gains, rho));
-    let all: Vec<(GainPoint, Score)> =
+    let all: Vec<(GainPoint, GainScore)> =
         candidates(rho as f32).collect::<Vec<_>>().into_par_iter().map(scored).collect();
     let highest = all.iter().map(|(_, s)| s.rank()).max();
     let equals: Vec<Ranked> = all
@@ -139,12 +88,15 @@ fn best_at(actor: &Actor<'_>, rho: f64) -> GainPoint {
     finer.chain([coarse]).min_by(steadier).expect("at least the coarse one").gains
 }
 
-/// The best gains at every density: those with the fewest falls, of these the ones
-/// that track the most set-points, of these the fastest, of these the one that
-/// follows jumps of the set-point best, its feed-forward then made finer; and then
-/// all together for the way from one medium into another.
+/// Searches the best gains at every density ratio.
+///
+/// At each density ratio the search takes the gains with the fewest falls, of these the
+/// ones that track the most set-points, of these the fastest, and of these the one with the
+/// smallest error after jumps of the set-point. It then refines their feed-forward. At the
+/// end it refines the whole schedule for the way from one medium into another. The search
+/// takes seconds on all threads of the current pool; its result does not depend on them.
 #[must_use]
 pub fn search(actor: &Actor<'_>) -> Vec<GainPoint> {
     let each = DENSITIES.iter().map(|&rho| best_at(actor, rho)).collect();
-    smoothed(actor, each, &DENSITIES)
+    refine_for_crossings(actor, each, &DENSITIES)
 }

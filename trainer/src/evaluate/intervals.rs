@@ -1,5 +1,5 @@
-//! Confidence intervals and tests for what random starts show of one policy, or of
-//! two from the same starts.
+//! Confidence intervals and tests for the metrics of one policy from random starts, or of
+//! two policies from the same starts.
 //!
 //! - A share: Wilson's score interval (Wilson 1927, JASA 22:209), which holds near 0
 //!   and 1 too, where policies are.
@@ -21,31 +21,31 @@ const Z: f64 = 1.959_963_984_540_054;
 /// Fewest values for which the normal interval of a mean is used.
 pub const FEWEST: usize = 100;
 
-/// A figure and its interval.
+/// A value and its interval.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Estimate {
-    /// The figure.
+    /// The value.
     pub value: f64,
-    /// Lower end.
+    /// Lower end of the interval.
     pub low: f64,
-    /// Upper end.
+    /// Upper end of the interval.
     pub high: f64,
 }
 
-/// What became of pairs, each of which ends in yes or no for both: a table of four.
+/// Counts of paired yes-or-no outcomes: a two-by-two table.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Pairs {
-    /// Yes for both.
+    /// Pairs with yes for both.
     pub both: u64,
-    /// Yes for the first only.
+    /// Pairs with yes for the first only.
     pub only_a: u64,
-    /// Yes for the second only.
+    /// Pairs with yes for the second only.
     pub only_b: u64,
-    /// For neither.
+    /// Pairs with yes for neither.
     pub neither: u64,
 }
 
-/// Wilson's interval for a share of `yes` among `all`, which must not be 0.
+/// Returns Wilson's interval for a share of `yes` among `all`, which must not be 0.
 #[must_use]
 pub fn share(yes: u64, all: u64) -> Estimate {
     let (n, p) = (all as f64, yes as f64 / all as f64);
@@ -57,25 +57,25 @@ pub fn share(yes: u64, all: u64) -> Estimate {
 }
 
 impl Pairs {
-    /// Pairs in all.
+    /// Returns the number of pairs.
     #[must_use]
     pub fn all(self) -> u64 {
         self.both + self.only_a + self.only_b + self.neither
     }
 
-    /// The share of yes of the first, with Wilson's interval.
+    /// Returns the share of yes of the first, with Wilson's interval.
     #[must_use]
     pub fn a(self) -> Estimate {
         share(self.both + self.only_a, self.all())
     }
 
-    /// The share of yes of the second, with Wilson's interval.
+    /// Returns the share of yes of the second, with Wilson's interval.
     #[must_use]
     pub fn b(self) -> Estimate {
         share(self.both + self.only_b, self.all())
     }
 
-    /// The second share less the first, with Newcombe's interval.
+    /// Returns the second share minus the first, with Newcombe's interval.
     #[must_use]
     pub fn difference(self) -> Estimate {
         let (a, b, phi) = (self.a(), self.b(), self.correlation());
@@ -100,34 +100,34 @@ impl Pairs {
         corrected / product.sqrt()
     }
 
-    /// The exact test after `McNemar`: how likely pairs at least this unequal are where both
-    /// shares are the same; two-sided.
+    /// Returns the p-value of the exact test after `McNemar`, two-sided: the probability of
+    /// pairs at least this unequal where both shares are equal.
     #[must_use]
     pub fn p(self) -> f64 {
         sign_test(self.only_a, self.only_b)
     }
 }
 
-/// The sign test: how likely at least this unequal counts of two equally likely
-/// outcomes are; two-sided.
+/// Returns the p-value of the sign test, two-sided: the probability of counts at least this
+/// unequal of two equally likely outcomes.
 #[must_use]
 pub fn sign_test(a: u64, b: u64) -> f64 {
-    (2.0 * coins(a.min(b), a + b)).min(1.0)
+    (2.0 * binomial_cdf(a.min(b), a + b)).min(1.0)
 }
 
-/// At most `k` heads of `n` fair coins: its probability.
-fn coins(k: u64, n: u64) -> f64 {
+/// Returns the probability of at most `k` heads in `n` tosses of a fair coin.
+fn binomial_cdf(k: u64, n: u64) -> f64 {
     let count = n as f64;
-    // Below this, 40 standard deviations from the mean, there is nothing left.
+    // Terms more than 40 standard deviations below the mean are 0 in f64.
     let first = (count / 2.0 - 20.0 * count.sqrt()).max(0.0) as u64;
     let log_factorial = |n: u64| libm::lgamma(n as f64 + 1.0);
     let log_all = log_factorial(n) - count * std::f64::consts::LN_2;
-    let exactly = |k: u64| libm::exp(log_all - log_factorial(k) - log_factorial(n - k));
-    (first..=k.min(n)).map(exactly).sum()
+    let probability = |k: u64| libm::exp(log_all - log_factorial(k) - log_factorial(n - k));
+    (first..=k.min(n)).map(probability).sum()
 }
 
-/// The median of sorted numbers, between the order statistics that bound it with
-/// at least [`CONFIDENCE`]; `None` for fewer than six, of which none do.
+/// Returns the median of ascending numbers, between the order statistics that bound it with
+/// at least [`CONFIDENCE`]; `None` for fewer than six numbers, which cannot bound it.
 #[must_use]
 pub fn median(sorted: &[f64]) -> Option<Estimate> {
     let rank = rank(sorted.len() as u64)? as usize;
@@ -138,16 +138,16 @@ pub fn median(sorted: &[f64]) -> Option<Estimate> {
     })
 }
 
-/// The rank, from 1, such that the values of this rank from either end bound the
+/// Returns the rank, from 1, at which the values of this rank from either end bound the
 /// median of the distribution of `n` values with [`CONFIDENCE`].
 fn rank(n: u64) -> Option<u64> {
     let tail = (1.0 - CONFIDENCE) / 2.0;
-    // At most so many values below the median: the largest such count, by halving.
+    // Bisects for the largest count of values below the median within the tail.
     let (mut holds, mut fails) = (None, n / 2 + 1);
     let mut from = 0;
     while from < fails {
         let k = u64::midpoint(from, fails);
-        if coins(k, n) <= tail {
+        if binomial_cdf(k, n) <= tail {
             holds = Some(k);
             from = k + 1;
         } else {
@@ -157,8 +157,8 @@ fn rank(n: u64) -> Option<u64> {
     holds.map(|k| k + 1)
 }
 
-/// The mean of at least [`FEWEST`] values with its normal interval, and how likely
-/// a mean at least as far from 0 is where the true one is 0.
+/// Returns the mean of at least [`FEWEST`] values with its normal interval, and the two-sided
+/// p-value of a true mean of 0.
 #[must_use]
 pub fn mean(values: &[f64]) -> (Estimate, f64) {
     let n = values.len() as f64;
@@ -174,8 +174,8 @@ pub fn mean(values: &[f64]) -> (Estimate, f64) {
     (estimate, p)
 }
 
-/// Adjusts the p of several tests such that the chance of any false alarm among
-/// them is no greater than that of one.
+/// Adjusts the p-values of several tests after Holm, so that the probability of any false
+/// alarm is no greater than that of a single test.
 #[must_use]
 pub fn holm(p: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..p.len()).collect();
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn wilson_as_published() {
+    fn wilsons_interval_matches_published_values() {
         // Newcombe 1998, Statistics in Medicine 17:857, table I, method 3.
         near(share(81, 263), [0.3080, 0.2553, 0.3662], 5e-5);
         near(share(15, 148), [0.1014, 0.0624, 0.1605], 5e-5);
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn newcombe_as_published() {
+    fn newcombes_interval_matches_published_values() {
         let pairs = |both, only_a, only_b, neither| Pairs { both, only_a, only_b, neither };
         // Newcombe 1998, Statistics in Medicine 17:2635, table III (there: A less B).
         near(pairs(36, 12, 2, 0).difference(), [-0.2, -0.3404, -0.0569], 5e-5);
@@ -225,18 +225,18 @@ mod tests {
     }
 
     #[test]
-    fn fair_coins_by_counting() {
+    fn the_binomial_distribution_matches_exact_counts() {
         // C(14, 0) + C(14, 1) + C(14, 2) of 2^14.
-        assert!((coins(2, 14) - 106.0 / 16_384.0).abs() < 1e-14);
+        assert!((binomial_cdf(2, 14) - 106.0 / 16_384.0).abs() < 1e-14);
         assert!((sign_test(12, 2) - 212.0 / 16_384.0).abs() < 1e-14);
         assert_eq!((sign_test(0, 0), sign_test(3, 3)), (1.0, 1.0));
         // Of 10,001 coins, at most 5,000 heads.
-        assert!((coins(5_000, 10_001) - 0.5).abs() < 1e-8);
+        assert!((binomial_cdf(5_000, 10_001) - 0.5).abs() < 1e-8);
         assert!(sign_test(0, 1_000_000) < 1e-300);
     }
 
     #[test]
-    fn ranks_of_the_median_as_tabled() {
+    fn the_ranks_of_the_median_match_published_tables() {
         // The usual table of 95 % intervals, such as Conover 1999, table A3.
         let tabled = [(6, 1), (8, 1), (9, 2), (10, 2), (15, 4), (20, 6), (25, 8), (100, 40)];
         for (n, k) in tabled {
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn holm_by_hand() {
+    fn holms_adjustment_matches_a_worked_example() {
         let adjusted = holm(&[0.01, 0.04, 0.03, 0.005]);
         for (got, wanted) in adjusted.iter().zip([0.03, 0.06, 0.06, 0.02]) {
             assert!((got - wanted).abs() < 1e-12, "{adjusted:?}");
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mean_with_its_error() {
+    fn a_mean_has_its_normal_interval_and_p_value() {
         // Half of them 1, half 3: deviation sqrt(n / (n - 1)), error that by sqrt(n).
         let values: Vec<f64> = (0..100).map(|i| f64::from(1 + 2 * (i % 2))).collect();
         let error = 1.0 / 99.0_f64.sqrt();

@@ -1,8 +1,8 @@
-//! What an actor is worth: survival, stopping, tracking and speed, with the very
-//! actor and cascade that fly in the controller.
+//! Evaluation of an actor: survival, stopping, tracking and highest speed, with the same
+//! actor and cascade code that the controller runs.
 //!
-//! Results do not depend on the number of threads: every start is drawn before
-//! any is run, and results are gathered in their order.
+//! Results do not depend on the number of threads: every start is drawn before the first
+//! one runs, and results are collected in their order.
 
 pub mod compare;
 pub mod conditions;
@@ -10,28 +10,34 @@ mod crossing;
 pub mod gains;
 pub mod goals;
 pub mod intervals;
+pub mod metric;
 pub mod report;
+mod score;
 pub mod selection;
 pub mod survival;
 pub mod tracking;
 
+use crate::environment::leg;
 use leg_control::actor::{Actor, Observation};
-use leg_plant::{Action, Apex, Hopper, Leg, Medium};
+use leg_plant::{Action, Apex, Hopper, Medium};
 
-/// The density ratios of the paper's figures and in between, lowest first.
+/// The density ratios of every evaluation, ascending: those of the paper's figures, and some
+/// between them.
 pub const DENSITIES: [f64; 8] = [0.0, 0.05, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0];
 
-/// The paper's leg in a medium of this density ratio on earth.
+/// Returns the plant of an evaluation: the leg of the trainings in a medium of this density
+/// ratio, on earth.
 ///
 /// # Panics
 /// If `density_ratio` is negative or not finite.
 #[must_use]
 pub fn hopper(density_ratio: f64) -> Hopper {
     let medium = Medium::AIR.with_density_ratio(density_ratio).expect("a density ratio");
-    Hopper::new(&Leg::human(), medium)
+    Hopper::new(&leg(), medium)
 }
 
-/// What the actor does at an apex, its observed velocity less by `offset_m_s`.
+/// Returns the actor's action at an apex, with `offset_m_s` subtracted from the velocity
+/// that it observes.
 #[must_use]
 pub fn act(actor: &Actor<'_>, density_ratio: f64, apex: Apex, offset_m_s: f32) -> Action {
     let action = actor.act(Observation {
@@ -45,7 +51,8 @@ pub fn act(actor: &Actor<'_>, density_ratio: f64, apex: Apex, offset_m_s: f32) -
     }
 }
 
-/// One hop of the actor, whose observed velocity is less by `offset_m_s`.
+/// Returns the next apex, or `None` after a fall, with `offset_m_s` subtracted from the
+/// velocity that the actor observes.
 #[must_use]
 pub fn hop(
     actor: &Actor<'_>,

@@ -1,10 +1,9 @@
-//! An evaluation as one object and as tables.
+//! The evaluation of a policy, as data, as JSON and as tables.
 
-use super::conditions::{Condition, Elsewhere, Extent};
-use super::goals::{self, Goal};
+use super::conditions::{Condition, ConditionResult, Extent};
 use super::survival::{Survival, draw_starts, survival};
 use super::tracking::{
-    GIVEN_UP_M_S, RAMP_CAP_M_S, SET_POINTS, Tracking, highest_speeds, tracking_table,
+    RAMP_CAP_M_S, RAMP_LAG_LIMIT_M_S, SET_POINTS, Tracking, highest_speeds, tracking_table,
 };
 use super::{DENSITIES, hopper};
 use leg_control::policy::Policy;
@@ -14,20 +13,20 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 use std::fmt;
 
-/// Everything that is known of a policy.
+/// The evaluation of a policy.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Report {
-    /// By density, lowest first.
+    /// Survival by density ratio, lowest first.
     pub survival: Vec<(f64, Survival)>,
-    /// Every set-point at every density.
+    /// Tracking of every set-point at every density ratio.
     pub tracking: Vec<Tracking>,
-    /// By density, m/s.
+    /// Highest speed by density ratio, m/s.
     pub max_speed: Vec<(f64, f64)>,
-    /// Other legs and worlds.
-    pub elsewhere: Vec<Elsewhere>,
+    /// Survival with other legs and other gravity.
+    pub conditions: Vec<ConditionResult>,
 }
 
-/// The object that `--json` prints, keyed by density.
+/// The JSON form of a report, keyed by density ratio.
 #[derive(Serialize)]
 struct Json<'a> {
     survive30: Value,
@@ -36,7 +35,8 @@ struct Json<'a> {
     reward5: Value,
     tracking: &'a [Tracking],
     max_speed: Value,
-    elsewhere: &'a [Elsewhere],
+    #[serde(rename = "elsewhere")]
+    conditions: &'a [ConditionResult],
 }
 
 fn keyed<T: Copy, V: Into<Value>>(by_density: &[(f64, T)], f: impl Fn(T) -> V) -> Value {
@@ -45,14 +45,14 @@ fn keyed<T: Copy, V: Into<Value>>(by_density: &[(f64, T)], f: impl Fn(T) -> V) -
 }
 
 impl Report {
-    /// Evaluates `policy` from `starts` starts at each density and in each condition,
-    /// the same in all.
+    /// Evaluates `policy` from the same `starts` random starts at each density ratio and
+    /// in each condition of [`Extent::Land`]. `seed` is that of the starts.
     #[must_use]
     pub fn new(policy: &Policy<'_>, starts: usize, seed: u64) -> Self {
         Self::of(policy, starts, seed, Extent::default())
     }
 
-    /// The same, of more or less.
+    /// Evaluates `policy` as [`Self::new`] does, in the conditions of `extent`.
     #[must_use]
     pub fn of(policy: &Policy<'_>, starts: usize, seed: u64, extent: Extent) -> Self {
         let starts = draw_starts(starts, &mut Pcg64::seed_from_u64(seed));
@@ -63,11 +63,11 @@ impl Report {
                 .to_vec(),
             tracking: tracking_table(actor, gains),
             max_speed: highest_speeds(actor, gains),
-            elsewhere: Condition::all(extent).into_iter().map(|c| c.run(actor, &starts)).collect(),
+            conditions: Condition::all(extent).into_iter().map(|c| c.run(actor, &starts)).collect(),
         }
     }
 
-    /// As one JSON object.
+    /// Returns the report as one JSON object.
     ///
     /// # Panics
     /// Never: every number has a JSON form.
@@ -80,20 +80,20 @@ impl Report {
             reward5: keyed(&self.survival, |s| s.reward5),
             tracking: &self.tracking,
             max_speed: keyed(&self.max_speed, |v| v),
-            elsewhere: &self.elsewhere,
+            conditions: &self.conditions,
         };
         serde_json::to_string(&json).expect("numbers have a JSON form")
     }
 }
 
 impl Report {
-    fn write_elsewhere(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    fn write_conditions(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "\nOther legs and worlds, from the same starts (m 80 kg, k 20000 N/m, earth, if not said):"
+            "\nOther legs and gravity, from the same starts (80 kg, 20000 N/m, earth unless stated):"
         )?;
         writeln!(f, "                rho  survive30  median |v|    95 % |v|  reward, 5 steps")?;
-        for Elsewhere { condition, survival: s } in &self.elsewhere {
+        for ConditionResult { condition, survival: s } in &self.conditions {
             let (median, p95) = (number(s.abs_v_median, 5), number(s.abs_v_p95, 5));
             writeln!(
                 f,
@@ -106,23 +106,10 @@ impl Report {
         }
         Ok(())
     }
-
-    /// The goals among the figures that this report has.
-    fn write_goals(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let goals = goals::robust();
-        let missed: Vec<&Goal> =
-            goals.iter().filter(|goal| !goal.reached(goal.figure.of(self))).collect();
-        let reached = goals.len() - missed.len();
-        write!(f, "\nGoals of a policy for every density: {reached} of {} reached.", goals.len())?;
-        for goal in missed {
-            let value = number(goal.figure.of(self), goal.figure.digits());
-            write!(f, "\n  missed: {} is {value}, wanted {}", goal.figure, goal.text())?;
-        }
-        Ok(())
-    }
 }
 
-fn number(x: Option<f64>, digits: usize) -> String {
+/// Formats a value; `-` where there is none.
+pub(super) fn number(x: Option<f64>, digits: usize) -> String {
     x.map_or_else(|| "-".into(), |x| format!("{x:.digits$}"))
 }
 
@@ -142,11 +129,11 @@ impl fmt::Display for Report {
         writeln!(f, "Highest speed: target raised 0.05 m/s every 10 hops until the leg falls,")?;
         writeln!(
             f,
-            "at most to {RAMP_CAP_M_S} m/s or {GIVEN_UP_M_S} m/s over the best mean of 10 whole hops,\n\
-             which is what counts.\n"
+            "at most to {RAMP_CAP_M_S} m/s or {RAMP_LAG_LIMIT_M_S} m/s over the best mean of 10 whole hops,\n\
+             which is the highest speed.\n"
         )?;
         writeln!(f, "Tracking, 100 hops from (0, 2 m): mean +- half range over the last 20, m/s")?;
-        writeln!(f, "(* tracked: mean within 2 %, half range within 5 %; . no such gait known)")?;
+        writeln!(f, "(* tracked: mean within 2 %, half range within 5 %; . no steady gait known)")?;
         write!(f, "   rho")?;
         for v in SET_POINTS {
             write!(f, "  {v:>15}")?;
@@ -176,7 +163,6 @@ impl fmt::Display for Report {
             "Tracked: {tracked} of the {} set-points with a known steady gait; {fell} fell.",
             possible.len()
         )?;
-        self.write_elsewhere(f)?;
-        self.write_goals(f)
+        self.write_conditions(f)
     }
 }

@@ -1,4 +1,4 @@
-//! From random starts: how many keep hopping, and how well they stop.
+//! Survival: the share of random starts that keep hopping, and how well they stop.
 
 use super::hop;
 use crate::environment::{LOWEST_APEX_M, draw_start};
@@ -7,71 +7,78 @@ use leg_plant::{Apex, Hopper};
 use rand::Rng;
 use rayon::prelude::*;
 
-/// Hops that a start must survive.
+/// Number of hops that a start must survive.
 pub const HOPS: u32 = 30;
-/// Steps whose rewards are added up, as in the paper's episodes.
+/// Number of steps whose rewards are summed, as in the paper's episodes.
 pub const REWARDED: u32 = 5;
 /// Spread of the paper's starts, m/s and m.
 const SPREAD: f64 = 3.0;
 
-/// Starts as the paper draws them.
+/// Draws starts as the paper does.
 pub fn draw_starts(count: usize, rng: &mut impl Rng) -> Vec<Apex> {
     (0..count).map(|_| draw_start(SPREAD, rng)).collect()
 }
 
-/// What became of many starts.
+/// The outcome of many starts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Survival {
-    /// Starts.
+    /// Number of starts.
     pub starts: usize,
-    /// Share still hopping, every apex at or above 1 m, after [`HOPS`] hops.
+    /// Share of starts with every apex at or above 1 m over [`HOPS`] hops.
     pub survive30: f64,
-    /// Of the survivors at their last apex: median |v|, m/s. `None` without survivors.
+    /// Median |v| of the survivors at their last apex, m/s; `None` without survivors.
     pub abs_v_median: Option<f64>,
-    /// The same, at 95 %.
+    /// 95 % quantile of |v| of the survivors at their last apex, m/s.
     pub abs_v_p95: Option<f64>,
-    /// Mean sum of log10(1 + 1 / |v|) over the first [`REWARDED`] steps.
+    /// Mean over the starts of the sum of log10(1 + 1 / |v|) over the first [`REWARDED`]
+    /// steps.
     pub reward5: f64,
 }
 
-/// What became of one start.
+/// The outcome of one start.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Run {
+pub struct Rollout {
     /// |v| at the last apex, m/s; `None` if it did not survive.
     pub last_abs_v: Option<f64>,
     /// Sum of log10(1 + 1 / |v|) over the first [`REWARDED`] steps.
     pub reward5: f64,
 }
 
-fn run(actor: &Actor<'_>, hopper: &Hopper, density_ratio: f64, start: Apex) -> Run {
+/// Runs one start.
+fn rollout(actor: &Actor<'_>, hopper: &Hopper, density_ratio: f64, start: Apex) -> Rollout {
     let mut apex = start;
     let mut reward5 = 0.0;
     for step in 0..HOPS {
         let Some(next) = hop(actor, hopper, density_ratio, apex, 0.0) else {
-            return Run { last_abs_v: None, reward5 };
+            return Rollout { last_abs_v: None, reward5 };
         };
         if step < REWARDED {
             reward5 += libm::log10(1.0 + 1.0 / next.vx_m_s.abs());
         }
         if next.y_m < LOWEST_APEX_M {
-            return Run { last_abs_v: None, reward5 };
+            return Rollout { last_abs_v: None, reward5 };
         }
         apex = next;
     }
-    Run { last_abs_v: Some(apex.vx_m_s.abs()), reward5 }
+    Rollout { last_abs_v: Some(apex.vx_m_s.abs()), reward5 }
 }
 
-/// What becomes of every start, in their order.
+/// Runs every start; returns the outcomes in the order of the starts.
 #[must_use]
-pub fn runs(actor: &Actor<'_>, hopper: &Hopper, density_ratio: f64, starts: &[Apex]) -> Vec<Run> {
+pub fn rollouts(
+    actor: &Actor<'_>,
+    hopper: &Hopper,
+    density_ratio: f64,
+    starts: &[Apex],
+) -> Vec<Rollout> {
     starts
         .par_iter()
         .with_min_len(32)
-        .map(|&start| run(actor, hopper, density_ratio, start))
+        .map(|&start| rollout(actor, hopper, density_ratio, start))
         .collect()
 }
 
-/// Runs every start and sums up.
+/// Runs every start and summarises the outcomes.
 #[must_use]
 pub fn survival(
     actor: &Actor<'_>,
@@ -79,8 +86,8 @@ pub fn survival(
     density_ratio: f64,
     starts: &[Apex],
 ) -> Survival {
-    let runs = runs(actor, hopper, density_ratio, starts);
-    let mut speeds: Vec<f64> = runs.iter().filter_map(|r| r.last_abs_v).collect();
+    let rollouts = rollouts(actor, hopper, density_ratio, starts);
+    let mut speeds: Vec<f64> = rollouts.iter().filter_map(|r| r.last_abs_v).collect();
     speeds.sort_by(f64::total_cmp);
     let count = starts.len().max(1) as f64;
     Survival {
@@ -88,11 +95,12 @@ pub fn survival(
         survive30: speeds.len() as f64 / count,
         abs_v_median: quantile(&speeds, 0.5),
         abs_v_p95: quantile(&speeds, 0.95),
-        reward5: runs.iter().map(|r| r.reward5).sum::<f64>() / count,
+        reward5: rollouts.iter().map(|r| r.reward5).sum::<f64>() / count,
     }
 }
 
-/// The quantile of sorted numbers, linear between neighbours.
+/// Returns the quantile of ascending numbers, linear between neighbours; `None` without
+/// numbers. `share` is from 0 to 1.
 #[must_use]
 pub fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
     let last = sorted.len().checked_sub(1)?;
@@ -100,7 +108,7 @@ pub fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
     let low = at.floor() as usize;
     let high = (low + 1).min(last);
     if at == low as f64 || sorted[low] == sorted[high] {
-        // Also where a neighbour is infinite.
+        // Interpolation would give NaN beside an infinite neighbour.
         return Some(sorted[low]);
     }
     Some(sorted[low] + (sorted[high] - sorted[low]) * (at - low as f64))
@@ -111,7 +119,7 @@ mod tests {
     use super::quantile;
 
     #[test]
-    fn quantiles() {
+    fn quantiles_are_linear_between_neighbours_and_keep_infinity() {
         assert_eq!(quantile(&[], 0.5), None);
         assert_eq!(quantile(&[3.0], 0.95), Some(3.0));
         assert_eq!(quantile(&[1.0, 2.0, 4.0], 0.5), Some(2.0));

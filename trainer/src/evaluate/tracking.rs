@@ -1,4 +1,4 @@
-//! How the actor follows a set speed under the velocity cascade, and how far up.
+//! Tracking of a set-point under the velocity cascade, and the highest speed.
 
 use super::{DENSITIES, hop, hopper};
 use leg_control::actor::Actor;
@@ -8,29 +8,31 @@ use leg_plant::{Apex, Hopper};
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// Set-points, m/s.
+/// Set-points of every evaluation, m/s.
 pub const SET_POINTS: [f64; 6] = [-2.0, -1.0, -0.5, 0.5, 1.0, 2.0];
-/// Hops of a tracking run.
+/// Number of hops of a tracking run.
 const HOPS: usize = 100;
-/// Of which the last are judged.
+/// Number of hops at the end of a run that are judged.
 const JUDGED: usize = 20;
-/// Where every run starts.
+/// First apex of every run.
 pub const START: Apex = Apex { vx_m_s: 0.0, y_m: 2.0 };
-/// Largest error of the mean, and largest oscillation, relative to the set-point.
+/// Largest error of the mean of a tracked set-point, relative to it.
 const MOST_ERROR: f64 = 0.02;
+/// Largest oscillation around a tracked set-point, relative to it.
 const MOST_OSCILLATION: f64 = 0.05;
-/// The ramp: each speed is held for so many hops, then raised.
+/// Number of hops at each target of the ramp.
 const RAMP_HOPS: usize = 10;
+/// Step from one target of the ramp to the next, m/s.
 const RAMP_STEP_M_S: f64 = 0.05;
-/// The ramp ends here even if the leg still stands, m/s.
+/// Last target of the ramp, m/s.
 pub const RAMP_CAP_M_S: f64 = 30.0;
-/// The ramp ends where the best speed is left behind by this much, too: the leg
-/// stands, at the offset's bound, and will not get any faster, m/s.
-pub const GIVEN_UP_M_S: f64 = 10.0;
+/// The ramp also ends where the target is this far above the best speed, m/s: the velocity
+/// offset is then at its bound and the leg gets no faster.
+pub const RAMP_LAG_LIMIT_M_S: f64 = 10.0;
 
-/// Highest speed, m/s, of a steady gait with every apex at or above 1 m, by density:
-/// found by a search over the touchdown angle alpha and the elongation speed rs for
-/// period-1 gaits of the plant, independent of any agent; lower bounds.
+/// Highest speed of a steady gait with every apex at or above 1 m, by density ratio, m/s.
+/// These are lower bounds, from a search over touchdown angle and elongation speed for
+/// period-1 gaits of the plant, without any agent.
 pub const STEADY_GAIT_M_S: [(f64, f64); 8] = [
     (0.0, 16.0),
     (0.05, 6.7),
@@ -42,18 +44,18 @@ pub const STEADY_GAIT_M_S: [(f64, f64); 8] = [
     (1.0, 1.0),
 ];
 
-/// Whether a steady gait of this speed is known to exist at a density of the table.
+/// Whether a steady gait of this speed is known at a density ratio of the table.
 #[must_use]
 pub fn possible(rho: f64, set_point: f64) -> bool {
     STEADY_GAIT_M_S.iter().any(|&(known, limit)| known == rho && set_point.abs() <= limit)
 }
 
-/// One set-point at one density.
+/// How one set-point is tracked at one density ratio.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Tracking {
     /// Density ratio.
     pub rho: f64,
-    /// Set speed, m/s.
+    /// Set-point, m/s.
     pub set_point: f64,
     /// Mean apex velocity over the last 20 of 100 hops, m/s; `None` after a fall.
     pub mean_v: Option<f64>,
@@ -64,7 +66,7 @@ pub struct Tracking {
 }
 
 impl Tracking {
-    /// Whether a steady gait of this speed is known to exist.
+    /// Whether a steady gait of this speed is known.
     #[must_use]
     pub fn possible(&self) -> bool {
         possible(self.rho, self.set_point)
@@ -80,7 +82,7 @@ impl Tracking {
     }
 }
 
-/// One tracking run.
+/// Runs one set-point at one density ratio.
 #[must_use]
 pub fn track(actor: &Actor<'_>, gains: &GainSchedule, rho: f64, set_point: f64) -> Tracking {
     let hopper = hopper(rho);
@@ -108,7 +110,7 @@ pub fn track(actor: &Actor<'_>, gains: &GainSchedule, rho: f64, set_point: f64) 
     }
 }
 
-/// Every set-point at every density.
+/// Runs every set-point at every density ratio.
 #[must_use]
 pub fn tracking_table(actor: &Actor<'_>, gains: &GainSchedule) -> Vec<Tracking> {
     let pairs: Vec<(f64, f64)> =
@@ -116,15 +118,15 @@ pub fn tracking_table(actor: &Actor<'_>, gains: &GainSchedule) -> Vec<Tracking> 
     pairs.into_par_iter().map(|(rho, v)| track(actor, gains, rho, v)).collect()
 }
 
-/// The highest speed, m/s: the target is raised by 0.05 m/s every 10 hops until
-/// the leg falls (or [`RAMP_CAP_M_S`], or [`GIVEN_UP_M_S`] over the best); the
-/// highest mean over 10 whole hops counts, as far as it was asked for.
+/// Returns the highest speed, m/s. The target rises by 0.05 m/s every 10 hops until the leg
+/// falls, reaches [`RAMP_CAP_M_S`], or lags [`RAMP_LAG_LIMIT_M_S`] behind. The highest mean
+/// over the 10 hops of a target counts, but not above the target.
 #[must_use]
 pub fn highest_speed(actor: &Actor<'_>, gains: &GainSchedule, rho: f64) -> f64 {
     highest_speed_of(actor, gains, rho, &hopper(rho))
 }
 
-/// [`highest_speed`] of another leg, or in another world.
+/// Returns the [`highest_speed`] with another plant.
 #[must_use]
 pub fn highest_speed_of(actor: &Actor<'_>, gains: &GainSchedule, rho: f64, hopper: &Hopper) -> f64 {
     let mut cascade = Cascade::new();
@@ -140,16 +142,16 @@ pub fn highest_speed_of(actor: &Actor<'_>, gains: &GainSchedule, rho: f64, hoppe
             sum += apex.vx_m_s;
         }
         let mean = sum / RAMP_HOPS as f64;
-        // What overshoots was not asked for.
+        // An overshoot is not a speed that the cascade controls.
         best = best.max(mean.min(target));
-        if target - best > GIVEN_UP_M_S {
+        if target - best > RAMP_LAG_LIMIT_M_S {
             break;
         }
     }
     best
 }
 
-/// [`highest_speed`] at every density.
+/// Returns every density ratio of [`DENSITIES`] with its [`highest_speed`].
 #[must_use]
 pub fn highest_speeds(actor: &Actor<'_>, gains: &GainSchedule) -> Vec<(f64, f64)> {
     DENSITIES.par_iter().map(|&rho| (rho, highest_speed(actor, gains, rho))).collect()
@@ -166,14 +168,14 @@ mod tests {
     }
 
     #[test]
-    fn forty_two_set_points_are_possible() {
+    fn a_steady_gait_is_known_for_forty_two_set_points() {
         let all = DENSITIES.iter().flat_map(|&rho| SET_POINTS.map(|v| at(rho, v, v, 0.0)));
         assert_eq!(all.filter(Tracking::possible).count(), 42);
         assert_eq!(STEADY_GAIT_M_S.map(|(rho, _)| rho), DENSITIES);
     }
 
     #[test]
-    fn tracked_within_two_and_five_percent() {
+    fn tracked_means_within_two_percent_and_oscillating_by_at_most_five() {
         assert!(at(0.0, -2.0, -2.0399, 0.0999).tracked());
         assert!(!at(0.0, -2.0, -2.041, 0.0).tracked());
         assert!(!at(0.0, -2.0, -2.0, 0.101).tracked());

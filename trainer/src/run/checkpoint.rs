@@ -8,8 +8,8 @@
 //! file under the name of a checkpoint is always a whole one.
 
 use super::error::RunError;
-use super::log::Mark;
-use super::recent::Recent;
+use super::log::LogPosition;
+use super::recent::RecentEpisodes;
 use super::with_suffix;
 use crate::config::Config;
 use crate::train::{Training, TrainingState};
@@ -37,9 +37,9 @@ pub struct Checkpoint {
     /// The log to be.
     pub log_path: PathBuf,
     /// How far the log was.
-    pub log: Mark,
+    pub log: LogPosition,
     /// The latest episodes.
-    pub recent: Recent,
+    pub recent: RecentEpisodes,
     /// The training itself.
     pub training: TrainingState,
 }
@@ -47,7 +47,12 @@ pub struct Checkpoint {
 impl Checkpoint {
     /// Of a training between two episodes, and what goes with it.
     #[must_use]
-    pub fn new(training: &Training, recent: Recent, log: Mark, log_path: &Path) -> Self {
+    pub fn new(
+        training: &Training,
+        recent: RecentEpisodes,
+        log: LogPosition,
+        log_path: &Path,
+    ) -> Self {
         Self {
             trainer: TRAINER.into(),
             seed: training.seed(),
@@ -148,14 +153,14 @@ pub fn path(out: &Path) -> PathBuf {
 }
 
 /// Writes checkpoints now and then.
-pub struct Keeper {
+pub struct CheckpointWriter {
     path: PathBuf,
     part: PathBuf,
     every: Option<Duration>,
     last: Instant,
 }
 
-impl Keeper {
+impl CheckpointWriter {
     /// Beside a policy to be; never without a time.
     #[must_use]
     pub fn new(out: &Path, every: Option<Duration>) -> Self {

@@ -14,7 +14,7 @@
 //!   of the later half. Its slope there is below 0.2 %, so no update leads back.
 //!   (The elongation speed may be at its lower end everywhere: on land that is right.)
 
-use super::recent::Recent;
+use super::recent::RecentEpisodes;
 use crate::config::Config;
 use crate::train::Training;
 
@@ -33,7 +33,7 @@ const SATURATED: f32 = 0.999;
     "training collapsed by step {step}: {seen}; take another seed, lower the learning rates, or \
      let it go on with --allow-collapse"
 )]
-pub struct Collapse {
+pub struct CollapseError {
     /// The environment step.
     pub step: u64,
     /// What was seen.
@@ -82,8 +82,12 @@ impl Watch {
     /// After an episode.
     ///
     /// # Errors
-    /// [`Collapse`] when it is one.
-    pub fn look(&self, training: &mut Training, recent: &Recent) -> Result<(), Collapse> {
+    /// [`CollapseError`] when it is one.
+    pub fn look(
+        &self,
+        training: &mut Training,
+        recent: &RecentEpisodes,
+    ) -> Result<(), CollapseError> {
         let late = recent.late();
         if late < WINDOW as u64 || !late.is_multiple_of(EVERY) {
             return Ok(());
@@ -91,10 +95,10 @@ impl Watch {
         let step = training.total_steps();
         let (over, reward) = recent.over_at_once(WINDOW);
         if self.long && over >= OVER_AT_ONCE {
-            return Err(Collapse { step, seen: Symptom::Falls { over, reward } });
+            return Err(CollapseError { step, seen: Symptom::Falls { over, reward } });
         }
         match self.saturated(training) {
-            Some(upper) => Err(Collapse { step, seen: Symptom::Saturated(upper) }),
+            Some(upper) => Err(CollapseError { step, seen: Symptom::Saturated(upper) }),
             None => Ok(()),
         }
     }

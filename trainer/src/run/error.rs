@@ -1,7 +1,7 @@
 //! Why a run ends early.
 
-use super::collapse::Collapse;
-use crate::train::{Diverged, Unfit};
+use super::collapse::CollapseError;
+use crate::train::{DivergenceError, StateError};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -11,10 +11,10 @@ use std::path::{Path, PathBuf};
 pub enum RunError {
     /// It went to infinity.
     #[error(transparent)]
-    Diverged(#[from] Diverged),
+    DivergenceError(#[from] DivergenceError),
     /// It does not learn any more.
     #[error(transparent)]
-    Collapsed(#[from] Collapse),
+    Collapsed(#[from] CollapseError),
     /// A file cannot be written.
     #[error("{}: cannot be written: {cause}; name another place with {option}", path.display())]
     Unwritten {
@@ -46,11 +46,11 @@ pub enum RunError {
     },
     /// A checkpoint contradicts itself.
     #[error("{}: {cause}; --restart begins anew", path.display())]
-    Unfit {
+    StateError {
         /// The file.
         path: PathBuf,
         /// How.
-        cause: Unfit,
+        cause: StateError,
     },
 }
 
@@ -58,13 +58,13 @@ impl RunError {
     /// Whether what was given cannot be used, rather than that something failed.
     #[must_use]
     pub fn is_input(&self) -> bool {
-        matches!(self, Self::Log { .. } | Self::Checkpoint { .. } | Self::Unfit { .. })
+        matches!(self, Self::Log { .. } | Self::Checkpoint { .. } | Self::StateError { .. })
     }
 
     /// Whether the training itself is over: going on from its checkpoint would end here again.
     #[must_use]
     pub fn ends_the_training(&self) -> bool {
-        matches!(self, Self::Diverged(_) | Self::Collapsed(_))
+        matches!(self, Self::DivergenceError(_) | Self::Collapsed(_))
     }
 
     /// For `map_err`: a file that an option names cannot be written.

@@ -14,7 +14,7 @@ static CRC: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISO_HDLC);
 
 /// How far the log was.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Mark {
+pub struct LogPosition {
     /// Bytes.
     pub length: u64,
     /// CRC-32 of these.
@@ -75,7 +75,7 @@ impl Log {
     ///
     /// # Errors
     /// When it is not there or not the same, or another training is writing it.
-    pub fn resume(path: &Path, mark: Mark) -> Result<Self, RunError> {
+    pub fn resume(path: &Path, mark: LogPosition) -> Result<Self, RunError> {
         let part = part(path);
         // Killed after the log got its name, before the checkpoint was gone.
         let from = if part.exists() || !path.exists() { part.clone() } else { path.to_owned() };
@@ -141,12 +141,12 @@ impl Log {
     ///
     /// # Errors
     /// When it cannot be written.
-    pub fn mark(&mut self) -> Result<Mark, RunError> {
+    pub fn mark(&mut self) -> Result<LogPosition, RunError> {
         let unwritten = RunError::unwritten(&self.part, "--log");
         let flushed = self.rows.flush();
         let counted = self.rows.get_ref();
         flushed.and_then(|()| counted.file.sync_data()).map_err(unwritten)?;
-        Ok(Mark { length: counted.length, crc32: counted.digest.clone().finalize() })
+        Ok(LogPosition { length: counted.length, crc32: counted.digest.clone().finalize() })
     }
 
     /// Gives it its name: the training is over.

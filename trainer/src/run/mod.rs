@@ -23,21 +23,21 @@ pub mod tensorboard;
 use crate::config::Config;
 use crate::simd::Isa;
 use crate::train::{EpisodeRecord, Training};
-use checkpoint::{Checkpoint, Keeper};
+use checkpoint::{Checkpoint, CheckpointWriter};
 use collapse::Watch;
 use error::RunError;
 use leg_process::Stop;
 use log::Log;
 use progress::Progress;
-use recent::Recent;
+use recent::RecentEpisodes;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use tensorboard::Board;
+use tensorboard::EventWriter;
 
 /// Where a run writes and what it says.
 #[derive(Clone, Debug)]
-pub struct Places {
+pub struct RunOptions {
     /// The policy to be.
     pub out: PathBuf,
     /// The log to be.
@@ -56,16 +56,16 @@ pub struct Places {
 pub struct Run {
     training: Training,
     log: Log,
-    keeper: Keeper,
-    board: Option<Board>,
-    recent: Recent,
+    checkpoints: CheckpointWriter,
+    board: Option<EventWriter>,
+    recent: RecentEpisodes,
     watch: Option<Watch>,
     progress: Progress,
 }
 
 /// How driving a training ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ended {
+pub enum RunEnd {
     /// It is over.
     Done,
     /// A signal asked to stop.
@@ -73,9 +73,9 @@ pub enum Ended {
 }
 
 /// What is left to do when the policy is written.
-pub struct Closing {
+pub struct PendingFinish {
     log: Log,
-    keeper: Keeper,
+    checkpoints: CheckpointWriter,
 }
 
 impl Run {
@@ -83,12 +83,17 @@ impl Run {
     ///
     /// # Errors
     /// When a file cannot be written.
-    pub fn begin(config: Config, seed: u64, isa: Isa, places: &Places) -> Result<Self, RunError> {
-        let log = Log::begin(&places.log)?;
+    pub fn begin(
+        config: Config,
+        seed: u64,
+        isa: Isa,
+        options: &RunOptions,
+    ) -> Result<Self, RunError> {
+        let log = Log::begin(&options.log)?;
         let training = Training::new(config, seed, isa);
-        let mut run = Self::new(training, Recent::default(), log, places)?;
+        let mut run = Self::new(training, RecentEpisodes::default(), log, options)?;
         // From here on it can be resumed, and an old checkpoint is no more.
-        run.keeper.remove()?;
+        run.checkpoints.remove()?;
         run.checkpoint()?;
         Ok(run)
     }
@@ -98,28 +103,33 @@ impl Run {
     /// # Errors
     /// When the checkpoint does not fit its configuration or the log, or a file
     /// cannot be written.
-    pub fn resume(checkpoint: Checkpoint, isa: Isa, places: &Places) -> Result<Self, RunError> {
-        let path = checkpoint::path(&places.out);
+    pub fn resume(
+        checkpoint: Checkpoint,
+        isa: Isa,
+        options: &RunOptions,
+    ) -> Result<Self, RunError> {
+        let path = checkpoint::path(&options.out);
         let config = checkpoint.config(&path)?;
-        let log = Log::resume(&places.log, checkpoint.log)?;
+        let log = Log::resume(&options.log, checkpoint.log)?;
         let training = Training::from_state(config, checkpoint.seed, isa, checkpoint.training)
-            .map_err(|cause| RunError::Unfit { path, cause })?;
-        Self::new(training, checkpoint.recent, log, places)
+            .map_err(|cause| RunError::StateError { path, cause })?;
+        Self::new(training, checkpoint.recent, log, options)
     }
 
     fn new(
         training: Training,
-        recent: Recent,
+        recent: RecentEpisodes,
         log: Log,
-        places: &Places,
+        options: &RunOptions,
     ) -> Result<Self, RunError> {
-        let board = places.tensorboard.as_ref().map(|folder| Board::begin(folder, &training));
+        let board =
+            options.tensorboard.as_ref().map(|folder| EventWriter::begin(folder, &training));
         Ok(Self {
             board: board.transpose()?,
             log,
-            keeper: Keeper::new(&places.out, places.checkpoint_every),
-            progress: Progress::new(&training, places.quiet),
-            watch: (!places.allow_collapse).then(|| Watch::new(training.config())),
+            checkpoints: CheckpointWriter::new(&options.out, options.checkpoint_every),
+            progress: Progress::new(&training, options.quiet),
+            watch: (!options.allow_collapse).then(|| Watch::new(training.config())),
             training,
             recent,
         })
@@ -136,7 +146,7 @@ impl Run {
     ///
     /// # Errors
     /// When it diverges or collapses, or a file cannot be written.
-    pub fn learn(&mut self, stop: &Stop) -> Result<Ended, RunError> {
+    pub fn learn(&mut self, stop: &Stop) -> Result<RunEnd, RunError> {
         let learnt = self.episodes(stop);
         self.progress.end();
         if let Some(board) = &mut self.board {
@@ -145,7 +155,7 @@ impl Run {
         if let Err(error) = learnt {
             if error.ends_the_training() {
                 self.log.finish()?;
-                self.keeper.remove()?;
+                self.checkpoints.remove()?;
             }
             return Err(error);
         }
@@ -153,18 +163,18 @@ impl Run {
         learnt
     }
 
-    fn episodes(&mut self, stop: &Stop) -> Result<Ended, RunError> {
+    fn episodes(&mut self, stop: &Stop) -> Result<RunEnd, RunError> {
         while !stop.is_raised() {
-            let Some(record) = self.training.episode()? else { return Ok(Ended::Done) };
+            let Some(record) = self.training.episode()? else { return Ok(RunEnd::Done) };
             self.tell(&record)?;
             if let Some(watch) = &self.watch {
                 watch.look(&mut self.training, &self.recent)?;
             }
-            if self.keeper.is_due() {
+            if self.checkpoints.is_due() {
                 self.checkpoint()?;
             }
         }
-        Ok(Ended::Stopped)
+        Ok(RunEnd::Stopped)
     }
 
     fn tell(&mut self, record: &EpisodeRecord) -> Result<(), RunError> {
@@ -179,14 +189,14 @@ impl Run {
     }
 
     fn checkpoint(&mut self) -> Result<(), RunError> {
-        if !self.keeper.keeps() {
+        if !self.checkpoints.keeps() {
             return Ok(());
         }
         let log = self.log.mark()?;
         if let Some(board) = &mut self.board {
             board.flush()?;
         }
-        self.keeper.write(&Checkpoint::new(
+        self.checkpoints.write(&Checkpoint::new(
             &self.training,
             self.recent.clone(),
             log,
@@ -196,19 +206,19 @@ impl Run {
 
     /// The training, and what is left to do when its policy is written.
     #[must_use]
-    pub fn close(self) -> (Training, Closing) {
-        (self.training, Closing { log: self.log, keeper: self.keeper })
+    pub fn close(self) -> (Training, PendingFinish) {
+        (self.training, PendingFinish { log: self.log, checkpoints: self.checkpoints })
     }
 }
 
-impl Closing {
+impl PendingFinish {
     /// The policy is written: the log gets its name, the checkpoint goes.
     ///
     /// # Errors
     /// When that cannot be done.
     pub fn close(mut self) -> Result<(), RunError> {
         self.log.finish()?;
-        self.keeper.remove()
+        self.checkpoints.remove()
     }
 }
 

@@ -1,6 +1,6 @@
 //! How far a training is: a bar on a terminal, a line now and then elsewhere.
 
-use super::recent::Recent;
+use super::recent::RecentEpisodes;
 use crate::train::Training;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::{IsTerminal, stderr};
@@ -49,7 +49,7 @@ impl Progress {
     }
 
     /// After an episode.
-    pub fn tell(&mut self, training: &Training, recent: &Recent) {
+    pub fn tell(&mut self, training: &Training, recent: &RecentEpisodes) {
         let every = match self.shown {
             Shown::Bar(_) => TEXT_EVERY,
             Shown::Lines => LINE_EVERY,
@@ -72,9 +72,7 @@ impl Progress {
         let best = training
             .selector()
             .and_then(|s| s.best())
-            .map(|(_, standing)| {
-                format!(", best cost {:.3} at step {}", standing.cost, standing.steps)
-            })
+            .map(|(_, score)| format!(", best cost {:.3} at step {}", score.cost, score.steps))
             .unwrap_or_default();
         let text = format!(
             "{left}, reward {:.2}, full {:.0} %, {speed:.0} updates/s{best}",

@@ -17,14 +17,14 @@ struct Episode {
 
 /// The latest 1,000 episodes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Recent {
+pub struct RecentEpisodes {
     episodes: VecDeque<Episode>,
     stage: usize,
     /// Episodes so far in the later half of the present stage.
     late: u64,
 }
 
-impl Recent {
+impl RecentEpisodes {
     /// One more episode, that left its stage done by `share`. `full`: as long as
     /// an episode can be.
     pub fn push(&mut self, record: &EpisodeRecord, full: bool, share: f64) {

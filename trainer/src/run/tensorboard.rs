@@ -10,7 +10,7 @@
 //! only those used here.
 
 use super::error::RunError;
-use super::recent::Recent;
+use super::recent::RecentEpisodes;
 use crate::evaluate::DENSITIES;
 use crate::evaluate::selection::Evaluation;
 use crate::train::{EpisodeRecord, Training};
@@ -109,7 +109,7 @@ pub struct SessionLog {
 }
 
 /// Writes the events of a training.
-pub struct Board {
+pub struct EventWriter {
     file: BufWriter<File>,
     path: PathBuf,
     flushed: Instant,
@@ -119,7 +119,7 @@ pub struct Board {
     evaluated: u64,
 }
 
-impl Board {
+impl EventWriter {
     /// A new file in a folder, which is made where there is none.
     ///
     /// # Errors
@@ -173,7 +173,7 @@ impl Board {
         &mut self,
         record: &EpisodeRecord,
         training: &Training,
-        recent: &Recent,
+        recent: &RecentEpisodes,
     ) -> Result<(), RunError> {
         let mut values = vec![
             scalar("episode/reward", record.reward),
@@ -194,9 +194,9 @@ impl Board {
             self.speed = (Instant::now(), updates);
         }
         if let Some(evaluation) = training.selector().and_then(|s| s.latest())
-            && evaluation.standing.steps != self.evaluated
+            && evaluation.score.steps != self.evaluated
         {
-            self.evaluated = evaluation.standing.steps;
+            self.evaluated = evaluation.score.steps;
             values.extend(seen(evaluation));
         }
         self.values(record.total_steps, values)?;
@@ -258,7 +258,7 @@ fn text(tag: &str, text: &str) -> Value {
 }
 
 fn seen(evaluation: &Evaluation) -> Vec<Value> {
-    let mut values = vec![scalar("evaluation/cost", evaluation.standing.cost)];
+    let mut values = vec![scalar("evaluation/cost", evaluation.score.cost)];
     for (rho, result) in DENSITIES.iter().zip(&evaluation.results) {
         values.push(scalar(&format!("evaluation/survive30/{rho}"), result.survive30));
     }

@@ -3,7 +3,7 @@
 use super::StudyError;
 use super::plan::Plan;
 use super::run::SeedRun;
-use crate::evaluate::goals::Figure;
+use crate::evaluate::metric::Metric;
 use leg_process::atomic_file;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -34,9 +34,9 @@ pub struct SeedReport {
     /// Why there is no policy, where there is none: the training diverged.
     pub failure: Option<String>,
     /// Steps after which the actor that is kept was.
-    pub kept_steps: Option<u64>,
-    /// By [`Figure::key`]; empty without a policy.
-    pub figures: BTreeMap<String, Option<f64>>,
+    pub best_steps: Option<u64>,
+    /// By [`Metric::key`]; empty without a policy.
+    pub metrics: BTreeMap<String, Option<f64>>,
     /// All of the evaluation, as `trainer eval --json` prints it.
     pub evaluation: Option<serde_json::Value>,
 }
@@ -47,16 +47,16 @@ impl SeedReport {
             seed: run.seed,
             fingerprint: plan.fingerprint(),
             failure: None,
-            kept_steps: None,
-            figures: BTreeMap::new(),
+            best_steps: None,
+            metrics: BTreeMap::new(),
             evaluation: None,
         };
         match &run.outcome {
             Err(why) => report.failure = Some(why.clone()),
             Ok(trained) => {
-                report.kept_steps = Some(trained.kept_steps);
-                let figures = Figure::all().into_iter();
-                report.figures = figures.map(|f| (f.key(), f.of(&trained.report))).collect();
+                report.best_steps = Some(trained.best_steps);
+                let metrics = Metric::all().into_iter();
+                report.metrics = metrics.map(|f| (f.key(), f.of(&trained.report))).collect();
                 let json = trained.report.to_json();
                 report.evaluation = Some(serde_json::from_str(&json).expect("JSON, just written"));
             }
@@ -64,10 +64,10 @@ impl SeedReport {
         report
     }
 
-    /// A figure's value; `None` where it has none.
+    /// A metric's value; `None` where it has none.
     #[must_use]
-    pub fn figure(&self, figure: Figure) -> Option<f64> {
-        self.figures.get(&figure.key()).copied().flatten()
+    pub fn metric(&self, metric: Metric) -> Option<f64> {
+        self.metrics.get(&metric.key()).copied().flatten()
     }
 }
 

@@ -87,9 +87,6 @@ pub enum StudyError {
         /// Another one.
         second: PathBuf,
     },
-    /// The drawing library failed.
-    #[error("the picture cannot be drawn: {0}")]
-    Picture(String),
 }
 
 impl StudyError {

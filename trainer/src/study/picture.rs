@@ -1,8 +1,8 @@
-//! A summary as a picture: every seed's every figure, the quartiles, the goals.
+//! A summary as a picture: every seed's every metric, the quartiles, the goals.
 
 use super::folder::SeedReport;
 use super::summary::{Row, Summary};
-use crate::evaluate::goals::Figure;
+use crate::evaluate::metric::Metric;
 use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
@@ -27,7 +27,7 @@ const MISSES: RGBColor = RGBColor(214, 96, 38);
 const GOAL: RGBColor = RGBColor(20, 138, 118);
 
 /// Half the width of a box, of a goal, and of the strip that seeds are spread over;
-/// a figure's column is 1 wide.
+/// a metric's column is 1 wide.
 const BOX: f64 = 0.3;
 const MARK: f64 = 0.42;
 const STRIP: f64 = 0.22;
@@ -73,21 +73,21 @@ impl Scale {
     }
 }
 
-/// A panel: figures side by side on one scale.
+/// A panel: metrics side by side on one scale.
 struct Part {
     title: &'static str,
     scale: Scale,
-    has: fn(Figure) -> bool,
-    label: fn(Figure) -> String,
+    has: fn(Metric) -> bool,
+    label: fn(Metric) -> String,
 }
 
 fn parts(starts: f64) -> [Part; 6] {
-    let density = |figure: Figure| match figure {
-        Figure::Survive30(rho) | Figure::AbsVMedian(rho) | Figure::MaxSpeed(rho) => rho.to_string(),
+    let density = |metric: Metric| match metric {
+        Metric::Survive30(rho) | Metric::AbsVMedian(rho) | Metric::MaxSpeed(rho) => rho.to_string(),
         other => other.to_string(),
     };
-    let condition = |figure: Figure| match figure {
-        Figure::Survive30In(c) | Figure::AbsVMedianIn(c) => {
+    let condition = |metric: Metric| match metric {
+        Metric::Survive30In(c) | Metric::AbsVMedianIn(c) => {
             let text = c.change.to_string();
             text.replace("000 N/m", "").replace("k ", "k\u{a0}").replace(" kg", "")
         }
@@ -97,38 +97,38 @@ fn parts(starts: f64) -> [Part; 6] {
         Part {
             title: "Still hopping after 30 hops, by density ratio",
             scale: Scale::Nines(starts),
-            has: |f| matches!(f, Figure::Survive30(_)),
+            has: |f| matches!(f, Metric::Survive30(_)),
             label: density,
         },
         Part {
             title: "Median |v| after 30 hops, m/s, by density ratio",
             scale: Scale::Tens(1e-5),
-            has: |f| matches!(f, Figure::AbsVMedian(_)),
+            has: |f| matches!(f, Metric::AbsVMedian(_)),
             label: density,
         },
         Part {
             title: "Still hopping on land: springs (k, kN/m), masses (m, kg), worlds",
             scale: Scale::Nines(starts),
-            has: |f| matches!(f, Figure::Survive30In(_)),
+            has: |f| matches!(f, Metric::Survive30In(_)),
             label: condition,
         },
         Part {
             title: "Median |v| on land, m/s: springs (k, kN/m), masses (m, kg), worlds",
             scale: Scale::Tens(1e-5),
-            has: |f| matches!(f, Figure::AbsVMedianIn(_)),
+            has: |f| matches!(f, Metric::AbsVMedianIn(_)),
             label: condition,
         },
         Part {
             title: "Highest speed, m/s, by density ratio",
             scale: Scale::Plain,
-            has: |f| matches!(f, Figure::MaxSpeed(_)),
+            has: |f| matches!(f, Metric::MaxSpeed(_)),
             label: density,
         },
         Part {
             title: "Of the 42 set-points with a known steady gait",
             scale: Scale::Plain,
-            has: |f| matches!(f, Figure::Tracked | Figure::Falls),
-            label: |f| if f == Figure::Tracked { "tracked".into() } else { "fell".into() },
+            has: |f| matches!(f, Metric::Tracked | Metric::Falls),
+            label: |f| if f == Metric::Tracked { "tracked".into() } else { "fell".into() },
         },
     ]
 }
@@ -197,11 +197,11 @@ fn place(x: u32, y: u32) -> (i32, i32) {
     (at_px(x), at_px(y))
 }
 
-/// The places that a panel's values cover, with room to spare.
+/// The options that a panel's values cover, with room to spare.
 fn extent(rows: &[&Row], seeds: &[SeedReport], scale: Scale) -> Range<f64> {
     let values = rows.iter().flat_map(|row| {
         let goals = row.goal.into_iter().flat_map(|goal| [Some(goal.limit), goal.worst]);
-        let seeds = seeds.iter().map(|seed| seed.figure(row.figure));
+        let seeds = seeds.iter().map(|seed| seed.metric(row.metric));
         goals.chain(seeds).flatten()
     });
     let top = match scale {
@@ -221,7 +221,7 @@ fn extent(rows: &[&Row], seeds: &[SeedReport], scale: Scale) -> Range<f64> {
 }
 
 fn draw_part(area: &Area<'_>, summary: &Summary, part: &Part) -> Result<(), DrawError> {
-    let rows: Vec<&Row> = summary.rows.iter().filter(|row| (part.has)(row.figure)).collect();
+    let rows: Vec<&Row> = summary.rows.iter().filter(|row| (part.has)(row.metric)).collect();
     let y = extent(&rows, &summary.seeds, part.scale);
     let mut panel = ChartBuilder::on(area)
         .caption(part.title, (FONT, px(16)).into_font().color(&INK))
@@ -277,13 +277,13 @@ fn draw_grid(
     }
     for (column, row) in rows.iter().enumerate() {
         let text = EmptyElement::at((column as f64, y.start))
-            + Text::new((part.label)(row.figure), (0, at_px(7)), below.clone());
+            + Text::new((part.label)(row.metric), (0, at_px(7)), below.clone());
         panel.plotting_area().draw(&text)?;
     }
     Ok(())
 }
 
-/// One column: the box, the goals, the seeds. A seed without the figure is a cross
+/// One column: the box, the goals, the seeds. A seed without the metric is a cross
 /// at `none`, by the panel's lower edge.
 fn draw_row(
     panel: &mut Panel<'_, '_>,
@@ -317,7 +317,7 @@ fn draw_row(
         // Spread by the golden ratio: neighbours far apart, and always the same.
         let golden = (i as f64 * 0.618_033_988_749_894_9).fract();
         let x = if count == 1 { x } else { x + STRIP * (2.0 * golden - 1.0) };
-        let Some(value) = seed.figure(row.figure) else {
+        let Some(value) = seed.metric(row.metric) else {
             panel.draw_series([Cross::new((x, none), px(4), MISSES.stroke_width(px(2)))])?;
             continue;
         };

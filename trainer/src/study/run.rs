@@ -2,9 +2,9 @@
 
 use super::plan::Plan;
 use crate::evaluate::report::Report;
-use crate::finish::Finished;
 use crate::simd::Isa;
 use crate::train::Training;
+use crate::trained::TrainedPolicy;
 use leg_control::policy::Policy;
 use std::num::NonZeroUsize;
 use std::sync::Arc;
@@ -19,16 +19,16 @@ pub struct SeedRun {
     /// A row for every episode.
     pub learning_csv: Vec<u8>,
     /// The policy and its evaluation, or why there is none.
-    pub outcome: Result<Trained, String>,
+    pub outcome: Result<EvaluatedPolicy, String>,
 }
 
 /// A training that left a policy.
 #[derive(Clone, Debug)]
-pub struct Trained {
+pub struct EvaluatedPolicy {
     /// The policy file.
     pub policy: Vec<u8>,
     /// Steps after which the actor that is kept was.
-    pub kept_steps: u64,
+    pub best_steps: u64,
     /// How it does.
     pub report: Report,
 }
@@ -120,11 +120,11 @@ fn one(plan: &Plan, seed: u64, go_on: impl Fn(f64) -> bool) -> Option<SeedRun> {
 }
 
 /// Training that collapsed may leave what the controller refuses: a result, too.
-fn finish(plan: &Plan, training: &Training) -> Result<Trained, String> {
-    let finished = Finished::new(training);
-    let blob = finished.blob().map_err(|e| e.to_string())?;
+fn finish(plan: &Plan, training: &Training) -> Result<EvaluatedPolicy, String> {
+    let trained = TrainedPolicy::new(training);
+    let blob = trained.blob().map_err(|e| e.to_string())?;
     let policy = Policy::parse(blob.as_slice()).map_err(|e| e.to_string())?;
     let report = Report::new(&policy, plan.eval_starts as usize, plan.eval_seed);
-    let kept_steps = policy.manifest().provenance.steps;
-    Ok(Trained { policy: blob.as_slice().to_vec(), kept_steps, report })
+    let best_steps = policy.manifest().provenance.steps;
+    Ok(EvaluatedPolicy { policy: blob.as_slice().to_vec(), best_steps, report })
 }

@@ -2,9 +2,9 @@
 
 use super::StudyError;
 use super::folder::{Folder, SeedReport};
-use super::picture;
 use super::plan::Plan;
-use crate::evaluate::goals::{Better, Figure, Goal, robust};
+use crate::evaluate::goals::{Goal, robust};
+use crate::evaluate::metric::{Better, Metric};
 use crate::evaluate::survival::quantile;
 use leg_process::atomic_file;
 use serde::Serialize;
@@ -16,18 +16,18 @@ pub struct Summary {
     pub plan: Plan,
     /// By ascending seed.
     pub seeds: Vec<SeedReport>,
-    /// A row a figure, in the order of [`Figure::all`].
+    /// A row a metric, in the order of [`Metric::all`].
     pub rows: Vec<Row>,
 }
 
-/// A figure over all seeds. A seed without the figure counts as worse than all others.
+/// A metric over all seeds. A seed without the metric counts as worse than all others.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
     /// Which.
-    pub figure: Figure,
+    pub metric: Metric,
     /// What it is to reach, where that is said.
     pub goal: Option<Goal>,
-    /// `None` where it falls on seeds that do not have the figure; so for all below.
+    /// `None` where it falls on seeds that do not have the metric; so for all below.
     pub median: Option<f64>,
     /// Quartile towards the worst.
     pub worse_quartile: Option<f64>,
@@ -48,14 +48,14 @@ impl Row {
         self.goal.map(|goal| goal.reached(self.median) && goal.worst_reached(self.worst.0))
     }
 
-    fn new(figure: Figure, goals: &[Goal], seeds: &[SeedReport]) -> Self {
-        let goal = goals.iter().copied().find(|goal| goal.figure == figure);
+    fn new(metric: Metric, goals: &[Goal], seeds: &[SeedReport]) -> Self {
+        let goal = goals.iter().copied().find(|goal| goal.metric == metric);
         // Turned so that less is worse.
-        let sign = match figure.better() {
+        let sign = match metric.better() {
             Better::High => 1.0,
             Better::Low => -1.0,
         };
-        let value = |seed: &SeedReport| seed.figure(figure).map_or(f64::NEG_INFINITY, |v| sign * v);
+        let value = |seed: &SeedReport| seed.metric(metric).map_or(f64::NEG_INFINITY, |v| sign * v);
         let mut ranked: Vec<(f64, u64)> = seeds.iter().map(|s| (value(s), s.seed)).collect();
         ranked.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let sorted: Vec<f64> = ranked.iter().map(|(v, _)| *v).collect();
@@ -67,11 +67,11 @@ impl Row {
             (back(worth), seed)
         };
         let reached = goal.map(|goal| {
-            let count = seeds.iter().filter(|s| goal.reached(s.figure(figure))).count();
+            let count = seeds.iter().filter(|s| goal.reached(s.metric(metric))).count();
             count as f64 / seeds.len() as f64
         });
         Self {
-            figure,
+            metric,
             goal,
             median: at(0.5),
             worse_quartile: at(0.25),
@@ -85,7 +85,7 @@ impl Row {
 
 #[derive(Serialize)]
 struct CsvRow {
-    figure: String,
+    metric: String,
     unit: &'static str,
     median: Option<f64>,
     worse_quartile: Option<f64>,
@@ -105,14 +105,14 @@ impl Summary {
     #[must_use]
     pub fn new(plan: Plan, seeds: Vec<SeedReport>) -> Self {
         let goals = robust();
-        let rows = Figure::all().into_iter().map(|f| Row::new(f, &goals, &seeds)).collect();
+        let rows = Metric::all().into_iter().map(|f| Row::new(f, &goals, &seeds)).collect();
         Self { plan, seeds, rows }
     }
 
     /// The goals that a seed misses.
     pub fn missed(&self, seed: &SeedReport) -> impl Iterator<Item = Goal> {
         let goals = self.rows.iter().filter_map(|row| row.goal);
-        goals.filter(|goal| !goal.reached(seed.figure(goal.figure)))
+        goals.filter(|goal| !goal.reached(seed.metric(goal.metric)))
     }
 
     /// The seed that misses the most goals; of equals the one that falls the most.
@@ -133,8 +133,8 @@ impl Summary {
         let survive: Vec<f64> = self
             .rows
             .iter()
-            .filter(|row| matches!(row.figure, Figure::Survive30(_)))
-            .map(|row| seed.figure(row.figure).unwrap_or(0.0))
+            .filter(|row| matches!(row.metric, Metric::Survive30(_)))
+            .map(|row| seed.metric(row.metric).unwrap_or(0.0))
             .collect();
         let mean = survive.iter().sum::<f64>() / survive.len().max(1) as f64;
         // A seed without a policy is below all others.
@@ -146,8 +146,8 @@ impl Summary {
         let mut table = csv::Writer::from_writer(Vec::new());
         for row in &self.rows {
             table.serialize(CsvRow {
-                figure: row.figure.key(),
-                unit: row.figure.unit(),
+                metric: row.metric.key(),
+                unit: row.metric.unit(),
                 median: row.median,
                 worse_quartile: row.worse_quartile,
                 better_quartile: row.better_quartile,
@@ -166,34 +166,33 @@ impl Summary {
 
     fn seeds_csv(&self) -> Result<Vec<u8>, csv::Error> {
         let mut table = csv::Writer::from_writer(Vec::new());
-        let head = ["seed", "failure", "kept_steps", "goals_missed"].map(String::from);
-        let figures = self.rows.iter().map(|row| row.figure.key());
-        table.write_record(head.into_iter().chain(figures))?;
+        let head = ["seed", "failure", "best_steps", "goals_missed"].map(String::from);
+        let metrics = self.rows.iter().map(|row| row.metric.key());
+        table.write_record(head.into_iter().chain(metrics))?;
         for seed in &self.seeds {
             let text = |x: Option<f64>| x.map_or_else(String::new, |x| x.to_string());
             let head = [
                 seed.seed.to_string(),
                 seed.failure.clone().unwrap_or_default(),
-                seed.kept_steps.map_or_else(String::new, |n| n.to_string()),
+                seed.best_steps.map_or_else(String::new, |n| n.to_string()),
                 self.missed(seed).count().to_string(),
             ];
-            let figures = self.rows.iter().map(|row| text(seed.figure(row.figure)));
-            table.write_record(head.into_iter().chain(figures))?;
+            let metrics = self.rows.iter().map(|row| text(seed.metric(row.metric)));
+            table.write_record(head.into_iter().chain(metrics))?;
         }
         Ok(table.into_inner().expect("rows in memory"))
     }
 
-    /// Writes `summary.csv`, `seeds.csv` and `summary.svg` into a folder.
+    /// Writes `summary.csv`, `seeds.csv` and the picture `svg` as `summary.svg` into a folder.
     ///
     /// # Errors
-    /// What the system or the drawing library refuses.
-    pub fn write(&self, folder: &Folder) -> Result<(), StudyError> {
-        let svg = picture::draw(self).map_err(|e| StudyError::Picture(e.to_string()))?;
+    /// [`StudyError::File`] when a file cannot be written.
+    pub fn write(&self, folder: &Folder, svg: &str) -> Result<(), StudyError> {
         let table = |csv: Result<Vec<u8>, csv::Error>| csv.expect("rows in memory");
         for (name, content) in [
             ("summary.csv", table(self.summary_csv())),
             ("seeds.csv", table(self.seeds_csv())),
-            ("summary.svg", svg.into_bytes()),
+            ("summary.svg", svg.as_bytes().to_vec()),
         ] {
             let file = folder.path().join(name);
             atomic_file::write(&file, &content).map_err(StudyError::file(&file))?;
@@ -205,29 +204,30 @@ impl Summary {
 #[cfg(test)]
 mod tests {
     use super::{Row, Summary};
-    use crate::evaluate::goals::{Figure, robust};
+    use crate::evaluate::goals::robust;
+    use crate::evaluate::metric::Metric;
     use crate::preset::Preset;
     use crate::study::folder::SeedReport;
     use crate::study::plan::Plan;
 
     /// A seed that survives and stops so well everywhere, and tracks so many.
     fn seed(seed: u64, survive30: f64, abs_v: Option<f64>, tracked: f64) -> SeedReport {
-        let value = |figure: &Figure| match figure {
-            Figure::Survive30(_) | Figure::Survive30In(_) => Some(survive30),
-            Figure::AbsVMedian(_) | Figure::AbsVMedianIn(_) => abs_v,
-            Figure::Tracked => Some(tracked),
-            Figure::Falls => Some(0.0),
-            Figure::MaxSpeed(_) => Some(16.0),
+        let value = |metric: &Metric| match metric {
+            Metric::Survive30(_) | Metric::Survive30In(_) => Some(survive30),
+            Metric::AbsVMedian(_) | Metric::AbsVMedianIn(_) => abs_v,
+            Metric::Tracked => Some(tracked),
+            Metric::Falls => Some(0.0),
+            Metric::MaxSpeed(_) => Some(16.0),
         };
-        let figures = Figure::all().iter().map(|f| (f.key(), value(f))).collect();
+        let metrics = Metric::all().iter().map(|f| (f.key(), value(f))).collect();
         let fingerprint = String::new();
-        SeedReport { seed, fingerprint, failure: None, kept_steps: None, figures, evaluation: None }
+        SeedReport { seed, fingerprint, failure: None, best_steps: None, metrics, evaluation: None }
     }
 
     fn summary() -> Summary {
         let plan = Plan::new(Preset::Robust.config(), "4..8".parse().unwrap(), 100, 1);
         let mut diverged = seed(6, 0.0, None, 0.0);
-        diverged.figures.clear();
+        diverged.metrics.clear();
         diverged.failure = Some("training diverged".into());
         let seeds = vec![
             seed(4, 0.999, Some(0.01), 41.0),
@@ -238,22 +238,22 @@ mod tests {
         Summary::new(plan, seeds)
     }
 
-    fn row(summary: &Summary, figure: Figure) -> &Row {
-        summary.rows.iter().find(|row| row.figure == figure).unwrap()
+    fn row(summary: &Summary, metric: Metric) -> &Row {
+        summary.rows.iter().find(|row| row.metric == metric).unwrap()
     }
 
     #[test]
     fn a_seed_without_the_figure_is_the_worst() {
         let summary = summary();
-        let survive = row(&summary, Figure::Survive30(0.3));
+        let survive = row(&summary, Metric::Survive30(0.3));
         assert_eq!((survive.worst, survive.best), ((None, 6), (Some(1.0), 7)));
         assert_eq!(survive.median, Some(f64::midpoint(0.998, 0.999)));
         assert_eq!((survive.reached, survive.met()), (Some(0.75), Some(false)));
-        let v = row(&summary, Figure::AbsVMedian(0.3));
+        let v = row(&summary, Metric::AbsVMedian(0.3));
         // Of 0.01, 0.02, none and none.
         assert_eq!((v.worst, v.best, v.median), ((None, 6), (Some(0.01), 4), None));
         assert_eq!((v.better_quartile, v.reached), (Some(0.0175), Some(0.25)));
-        let falls = row(&summary, Figure::Falls);
+        let falls = row(&summary, Metric::Falls);
         assert_eq!((falls.median, falls.best), (Some(0.0), (Some(0.0), 4)));
         assert!(falls.median.unwrap().is_sign_positive());
     }
@@ -272,7 +272,7 @@ mod tests {
     fn tables_have_a_row_for_each() {
         let summary = summary();
         let csv = String::from_utf8(summary.summary_csv().unwrap()).unwrap();
-        assert_eq!(csv.lines().count(), 1 + Figure::all().len());
+        assert_eq!(csv.lines().count(), 1 + Metric::all().len());
         let seeds = String::from_utf8(summary.seeds_csv().unwrap()).unwrap();
         assert_eq!(seeds.lines().count(), 5);
         assert!(seeds.contains("\n6,training diverged,,21,,,"), "{seeds}");

@@ -3,31 +3,31 @@
 use super::list;
 use super::summary::{Row, Summary};
 use crate::config::Length;
-use crate::evaluate::goals::Figure;
+use crate::evaluate::metric::Metric;
 use std::fmt;
 
 /// Goals of the worst seed that are named.
 const MOST_NAMED: usize = 5;
 
 /// What rows stand together.
-fn heading(figure: Figure) -> &'static str {
-    match figure {
-        Figure::Survive30(_) => "still hopping after 30 hops, by density",
-        Figure::AbsVMedian(_) | Figure::AbsVMedianIn(_) => "median |v| then, m/s",
-        Figure::Tracked | Figure::Falls => "of the 42 set-points with a steady gait",
-        Figure::MaxSpeed(_) => "highest speed, m/s",
-        Figure::Survive30In(_) => "still hopping, on land with another leg, or elsewhere",
+fn heading(metric: Metric) -> &'static str {
+    match metric {
+        Metric::Survive30(_) => "still hopping after 30 hops, by density",
+        Metric::AbsVMedian(_) | Metric::AbsVMedianIn(_) => "median |v| then, m/s",
+        Metric::Tracked | Metric::Falls => "of the 42 set-points with a steady gait",
+        Metric::MaxSpeed(_) => "highest speed, m/s",
+        Metric::Survive30In(_) => "still hopping, on land with another leg, or elsewhere",
     }
 }
 
-fn label(figure: Figure) -> String {
-    match figure {
-        Figure::Survive30(rho) | Figure::AbsVMedian(rho) | Figure::MaxSpeed(rho) => {
+fn label(metric: Metric) -> String {
+    match metric {
+        Metric::Survive30(rho) | Metric::AbsVMedian(rho) | Metric::MaxSpeed(rho) => {
             format!("rho {rho}")
         }
-        Figure::Tracked => "tracked".into(),
-        Figure::Falls => "fell".into(),
-        Figure::Survive30In(condition) | Figure::AbsVMedianIn(condition) => {
+        Metric::Tracked => "tracked".into(),
+        Metric::Falls => "fell".into(),
+        Metric::Survive30In(condition) | Metric::AbsVMedianIn(condition) => {
             condition.change.to_string()
         }
     }
@@ -35,20 +35,20 @@ fn label(figure: Figure) -> String {
 
 impl Row {
     fn number(&self, value: Option<f64>) -> String {
-        let digits = self.figure.digits();
+        let digits = self.metric.digits();
         value.map_or_else(|| "-".into(), |value| format!("{value:.digits$}"))
     }
 }
 
 impl fmt::Display for Row {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let figures = [self.median, self.worse_quartile, self.better_quartile, self.worst.0]
+        let metrics = [self.median, self.worse_quartile, self.better_quartile, self.worst.0]
             .map(|value| self.number(value));
-        let [median, worse, better, worst] = figures;
+        let [median, worse, better, worst] = metrics;
         write!(
             f,
             "  {:<12}  {median:>9}  {worse:>9} {better:>9}  {worst:>9} {:>7}",
-            label(self.figure),
+            label(self.metric),
             format!("({})", self.worst.1),
         )?;
         if let (Some(goal), Some(reached), Some(met)) = (self.goal, self.reached, self.met()) {
@@ -85,7 +85,7 @@ impl fmt::Display for Summary {
         )?;
         let mut last = None;
         for row in &self.rows {
-            let heading = heading(row.figure);
+            let heading = heading(row.metric);
             if last != Some(heading) {
                 writeln!(f, "{heading}")?;
                 last = Some(heading);
@@ -114,7 +114,7 @@ impl fmt::Display for Summary {
             write!(f, "\nBest seed: {}, which misses {missed} of {all} goals.", best.seed)?;
         }
         if let Some(worst) = self.worst() {
-            let missed: Vec<String> = self.missed(worst).map(|g| g.figure.to_string()).collect();
+            let missed: Vec<String> = self.missed(worst).map(|g| g.metric.to_string()).collect();
             let shown = missed.iter().take(MOST_NAMED).cloned().collect::<Vec<_>>().join("; ");
             let more = if missed.len() > MOST_NAMED { "; and more" } else { "" };
             write!(f, "\nWorst seed: {}, ", worst.seed)?;

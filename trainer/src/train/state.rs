@@ -1,11 +1,11 @@
 //! Everything that a training is at a moment, so that it can go on from there.
 
 use super::Training;
-use crate::ddpg::Memory;
+use crate::ddpg::AgentState;
 use crate::evaluate::selection::{Selector, SelectorState};
 use crate::explore::NoiseState;
+use crate::failed_starts::FailedStarts;
 use crate::replay::{Replay, ReplayState};
-use crate::retry::Fallen;
 use crate::simd::Isa;
 use crate::{config::Config, explore::Noise};
 use rand_pcg::Pcg64;
@@ -14,10 +14,10 @@ use serde::{Deserialize, Serialize};
 /// All of a [`Training`] that does not follow from its configuration and its seed.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct TrainingState {
-    agent: Memory,
+    agent: AgentState,
     replay: ReplayState,
     noise: NoiseState,
-    fallen: Fallen,
+    failed_starts: FailedStarts,
     environment_rng: Pcg64,
     noise_rng: Pcg64,
     batch_rng: Pcg64,
@@ -33,17 +33,17 @@ pub struct TrainingState {
 /// A state of another training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("its state does not fit its configuration ({0})")]
-pub struct Unfit(&'static str);
+pub struct StateError(&'static str);
 
 impl Training {
     /// What it is now, between two episodes.
     #[must_use]
     pub fn state(&self) -> TrainingState {
         TrainingState {
-            agent: self.agent.memory(),
+            agent: self.agent.state(),
             replay: self.replay.state(),
             noise: self.noise.state(),
-            fallen: self.fallen.clone(),
+            failed_starts: self.failed_starts.clone(),
             environment_rng: self.environment_rng.clone(),
             noise_rng: self.noise_rng.clone(),
             batch_rng: self.batch_rng.clone(),
@@ -60,36 +60,37 @@ impl Training {
     /// Goes on from a state: what follows is what would have followed there, bit for bit.
     ///
     /// # Errors
-    /// [`Unfit`] when the state is not one of a training with this configuration.
+    /// [`StateError`] when the state is not one of a training with this configuration.
     pub fn from_state(
         config: Config,
         seed: u64,
         isa: Isa,
         state: TrainingState,
-    ) -> Result<Self, Unfit> {
+    ) -> Result<Self, StateError> {
         let mut training = Self::new(config, seed, isa);
         let config = &training.config;
         if state.stage > config.stages.len() {
-            return Err(Unfit("stage"));
+            return Err(StateError("stage"));
         }
-        if !training.agent.remember(&state.agent) {
-            return Err(Unfit("networks"));
+        if !training.agent.restore(&state.agent) {
+            return Err(StateError("networks"));
         }
         match (&mut training.selector, &state.selector) {
             (None, None) => {}
             (Some(selector), Some(there)) => {
-                let like = crate::policy::Frozen::trained(config, &training.agent.actor(false));
+                let like =
+                    crate::policy::PackedActor::trained(config, &training.agent.actor(false));
                 if !selector.restore(there, &like) {
-                    return Err(Unfit("best actor"));
+                    return Err(StateError("best actor"));
                 }
             }
-            _ => return Err(Unfit("selection")),
+            _ => return Err(StateError("selection")),
         }
         training.replay = Replay::from_state(config.learning.replay_capacity, &state.replay)
-            .ok_or(Unfit("replay buffer"))?;
+            .ok_or(StateError("replay buffer"))?;
         training.noise = Noise::from_state(&config.exploration, state.noise);
         Ok(Self {
-            fallen: state.fallen,
+            failed_starts: state.failed_starts,
             environment_rng: state.environment_rng,
             noise_rng: state.noise_rng,
             batch_rng: state.batch_rng,

@@ -1,4 +1,4 @@
-//! The leg's part of the loop: one call per tick of the clock.
+//! What the leg does at a tick of the clock.
 
 use std::time::Duration;
 
@@ -6,18 +6,18 @@ use leg_control::wire::{Command, Header, flags};
 use leg_host::realtime::{Clock, Done, Task, Tick, Word};
 use leg_host::{LegLink, LinkError};
 
-use super::{OnFall, Options, START_HOLD};
+use super::{HOLD, OnFall, Options};
 use crate::scenario::Scenario;
 use crate::session::hooks::Hooks;
 use crate::session::leg::{Leg, TickRecord};
 use crate::session::outcome::Ending;
 
-/// Ticks after which a leg that is held at its start sends its sample again,
-/// because the last one may be lost.
-const RESEND_TICKS: u64 = 10;
-/// Samples whose send times are kept. A command that answers an older sample is
-/// rejected.
-const SEND_TIMES: usize = 32;
+/// A leg that is held says again, after so many ticks, what it senses: a
+/// sample may be lost.
+const SAY_AGAIN_TICKS: u64 = 10;
+/// Samples of which the time of sending is remembered; older ones are answered
+/// by no command that counts.
+const REMEMBERED: usize = 32;
 
 /// The leg's part of the loop.
 #[derive(Debug)]
@@ -27,17 +27,17 @@ pub struct LegTask<'a, 'l, L, H> {
     on_fall: OnFall,
     run_id: u32,
     hooks: &'l mut H,
-    sent: SendTimes,
-    hold: StartHold,
+    sent: Sent,
+    hold: Hold,
     /// The last command received.
     last: Option<Header>,
-    /// The last valid command.
+    /// The last command that counted.
     in_force: Option<Header>,
     ending: Option<Ending>,
 }
 
 impl<'a, 'l, L: LegLink, H: Hooks> LegTask<'a, 'l, L, H> {
-    /// Creates a leg at its start that has not sent a sample yet.
+    /// A leg at its start, that has not said anything yet.
     pub fn new(
         scenario: &'a Scenario,
         link: &'l mut L,
@@ -51,29 +51,29 @@ impl<'a, 'l, L: LegLink, H: Hooks> LegTask<'a, 'l, L, H> {
             on_fall,
             run_id,
             hooks,
-            sent: SendTimes::default(),
-            hold: StartHold::new(scenario.rate_hz),
+            sent: Sent::default(),
+            hold: Hold::new(scenario.rate_hz),
             last: None,
             in_force: None,
             ending: None,
         }
     }
 
-    /// Returns why the run is over, or `None` while it is not.
+    /// Why the run is over, once it is.
     #[must_use]
     pub fn ending(&self) -> Option<Ending> {
         self.ending
     }
 
-    /// Returns the leg, and why the run is over, if it is.
+    /// The leg, and why its run is over, if it is.
     #[must_use]
     pub fn finish(self) -> (Leg<'a>, Option<Ending>) {
         (self.leg, self.ending)
     }
 
-    /// Receives the newest command, unless it is the one received last: without a
-    /// new sample the controller sends its last command again.
-    fn receive_new(&mut self) -> Result<Option<Command>, LinkError> {
+    /// The newest command, if it has not been seen before. (A controller that
+    /// hears nothing new says the same again.)
+    fn newest(&mut self) -> Result<Option<Command>, LinkError> {
         let last = self.last;
         let is_new = |command: &Command| {
             let Header { run_id, seq, .. } = command.header;
@@ -84,12 +84,12 @@ impl<'a, 'l, L: LegLink, H: Hooks> LegTask<'a, 'l, L, H> {
         Ok(command)
     }
 
-    fn send_sample(&mut self, clock: &impl Clock) -> Result<(), LinkError> {
-        self.sent.record(&self.leg.sample().header, clock.now_ns());
+    fn say(&mut self, clock: &impl Clock) -> Result<(), LinkError> {
+        self.sent.note(&self.leg.sample().header, clock.now_ns());
         self.link.send(self.leg.sample())
     }
 
-    /// Plays `ticks` ticks of the plant.
+    /// Plays the time of so many ticks.
     fn play(&mut self, ticks: u64, mut command: Option<Command>, now_ns: u64) -> Done {
         let round_trip_ns = command.and_then(|command| self.sent.age_ns(&command.header, now_ns));
         let round_trip = Duration::from_nanos(round_trip_ns.unwrap_or(0));
@@ -126,39 +126,39 @@ impl<L: LegLink, H: Hooks> Task for LegTask<'_, '_, L, H> {
     fn tick(&mut self, at: &Tick, clock: &impl Clock) -> Result<Done, LinkError> {
         if self.hooks.ends() {
             self.ending = Some(Ending::Stopped);
-            self.link.send(&self.leg.end_sample())?;
+            self.link.send(&self.leg.farewell())?;
             return Ok(Done { run_id: self.run_id, over: true, ..Done::default() });
         }
         self.hooks.steer(&mut self.leg);
-        let command = self.receive_new()?;
-        let was_held = self.hold.is_active();
+        let command = self.newest()?;
+        let was_held = self.hold.is_held();
         let is_answered = command.is_some_and(|command| self.leg.is_answered_by(&command));
         match self.hold.tick(1 + at.missed, is_answered) {
-            HoldState::Released => (),
-            HoldState::Wait => return Ok(Done { run_id: self.run_id, ..Done::default() }),
-            HoldState::Send => {
-                self.send_sample(clock)?;
+            Held::Free => (),
+            Held::Quiet => return Ok(Done { run_id: self.run_id, ..Done::default() }),
+            Held::Speaks => {
+                self.say(clock)?;
                 return Ok(Done { run_id: self.run_id, ..Done::default() });
             }
         }
-        // Time does not wait: missed ticks are played too, under the command in force now.
+        // Time does not wait: what was slept through is played too, under what is known now.
         let mut done = self.play(1 + at.missed, command, clock.now_ns());
         if was_held {
-            // This time is the controller's start-up and not a round trip.
+            // How long a controller takes to begin is not how long it takes to answer.
             (done.sample_age_ns, done.round_trip_ns) = (None, None);
         }
         match self.leg.ending() {
-            None => self.send_sample(clock)?,
+            None => self.say(clock)?,
             Some(Ending::Fall) if self.on_fall == OnFall::Restart => {
                 self.run_id = self.run_id.wrapping_add(1);
                 self.leg.restart(self.run_id);
-                self.hold.restart();
+                self.hold.begin();
                 self.in_force = None;
-                self.send_sample(clock)?;
+                self.say(clock)?;
             }
             ending => {
                 self.ending = ending;
-                self.link.send(&self.leg.end_sample())?;
+                self.link.send(&self.leg.farewell())?;
                 return Ok(Done { over: true, ..done });
             }
         }
@@ -166,70 +166,70 @@ impl<L: LegLink, H: Hooks> Task for LegTask<'_, '_, L, H> {
     }
 }
 
-/// Holds the leg at its start until a command arrives, for a limited time.
+/// Keeps a leg at its start until it is commanded, or the time is over.
 #[derive(Debug)]
-struct StartHold {
+struct Hold {
     limit_ticks: u64,
-    /// Ticks held so far; `None` once the leg is released.
+    /// Ticks so far; `None` once it is let go.
     ticks: Option<u64>,
 }
 
-/// What to do in a tick.
+/// What a leg does in a tick.
 #[derive(Debug, PartialEq, Eq)]
-enum HoldState {
-    /// Play the tick.
-    Released,
-    /// Do nothing.
-    Wait,
-    /// Send the sample again.
-    Send,
+enum Held {
+    /// It moves.
+    Free,
+    /// It is held.
+    Quiet,
+    /// It is held, and says what it senses.
+    Speaks,
 }
 
-impl StartHold {
+impl Hold {
     fn new(rate_hz: u32) -> Self {
-        Self { limit_ticks: START_HOLD.as_secs() * u64::from(rate_hz), ticks: Some(0) }
+        Self { limit_ticks: HOLD.as_secs() * u64::from(rate_hz), ticks: Some(0) }
     }
 
-    /// Holds the leg again, for another run whose first sample is sent already.
-    fn restart(&mut self) {
+    /// Another run, of which the first sample is said.
+    fn begin(&mut self) {
         self.ticks = Some(1);
     }
 
-    fn is_active(&self) -> bool {
+    fn is_held(&self) -> bool {
         self.ticks.is_some()
     }
 
-    fn tick(&mut self, passed: u64, is_answered: bool) -> HoldState {
+    fn tick(&mut self, passed: u64, is_answered: bool) -> Held {
         let Some(ticks) = self.ticks.as_mut().filter(|ticks| **ticks < self.limit_ticks) else {
             self.ticks = None;
-            return HoldState::Released;
+            return Held::Free;
         };
         if is_answered {
             self.ticks = None;
-            return HoldState::Released;
+            return Held::Free;
         }
         let before = *ticks;
         *ticks += passed;
-        if before.div_ceil(RESEND_TICKS) < ticks.div_ceil(RESEND_TICKS) {
-            HoldState::Send
+        if before.div_ceil(SAY_AGAIN_TICKS) < ticks.div_ceil(SAY_AGAIN_TICKS) {
+            Held::Speaks
         } else {
-            HoldState::Wait
+            Held::Quiet
         }
     }
 }
 
-/// Send times of the latest samples: run id, number, time in ns.
+/// When the latest samples were sent.
 #[derive(Debug, Default)]
-struct SendTimes([Option<(u32, u64, u64)>; SEND_TIMES]);
+struct Sent([Option<(u32, u64, u64)>; REMEMBERED]);
 
-impl SendTimes {
-    fn record(&mut self, header: &Header, now_ns: u64) {
-        self.0[header.seq as usize % SEND_TIMES] = Some((header.run_id, header.seq, now_ns));
+impl Sent {
+    fn note(&mut self, header: &Header, now_ns: u64) {
+        self.0[header.seq as usize % REMEMBERED] = Some((header.run_id, header.seq, now_ns));
     }
 
-    /// Returns the time since the sample with this header was sent, ns.
+    /// Time since the sample with this run id and number was sent, ns.
     fn age_ns(&self, header: &Header, now_ns: u64) -> Option<u64> {
-        let (run_id, seq, sent_ns) = self.0[header.seq as usize % SEND_TIMES]?;
+        let (run_id, seq, sent_ns) = self.0[header.seq as usize % REMEMBERED]?;
         ((run_id, seq) == (header.run_id, header.seq)).then(|| now_ns.saturating_sub(sent_ns))
     }
 }

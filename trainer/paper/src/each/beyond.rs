@@ -20,7 +20,7 @@ use trainer::evaluate::survival::{draw_starts, survival};
 use trainer::evaluate::tracking::{
     SET_POINTS, STEADY_GAIT_M_S, Tracking, highest_speeds, tracking_table,
 };
-use trainer::policy::Frozen;
+use trainer::policy::PackedActor;
 
 /// What the paper reaches on land, m/s.
 const PAPER_M_S: f64 = 6.0;
@@ -52,7 +52,7 @@ impl Figure for Beyond {
         let policy = Policy::parse(SHIPPED).expect("the shipped policy is whole");
         let shipped = Agent {
             name: "shipped",
-            actor: Frozen::from(&policy),
+            actor: PackedActor::from(&policy),
             gains: policy.manifest().gains.clone(),
         };
         let origin = &policy.manifest().provenance;
@@ -92,7 +92,7 @@ impl Figure for Beyond {
 /// Who is put to it.
 struct Agent {
     name: &'static str,
-    actor: Frozen,
+    actor: PackedActor,
     gains: GainSchedule,
 }
 

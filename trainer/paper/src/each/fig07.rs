@@ -16,7 +16,7 @@ use crate::study::learning::quartiles;
 use crate::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
 use trainer::evaluate::hopper;
 use trainer::evaluate::survival::draw_starts;
-use trainer::policy::Frozen;
+use trainer::policy::PackedActor;
 use trainer::preset::{ACTION_HIGH, ACTION_LOW};
 
 /// Hops that are drawn.
@@ -122,18 +122,18 @@ fn each_seed(
 struct Case {
     name: &'static str,
     rho: f64,
-    ours: Frozen,
-    theirs: Option<Frozen>,
+    ours: PackedActor,
+    theirs: Option<PackedActor>,
 }
 
 impl Case {
-    fn new(name: &'static str, rho: f64, ours: Frozen, theirs: Option<Frozen>) -> Self {
+    fn new(name: &'static str, rho: f64, ours: PackedActor, theirs: Option<PackedActor>) -> Self {
         Self { name, rho, ours, theirs }
     }
 
     /// What is drawn: whose, from where, the run.
     fn runs(&self) -> Vec<(&'static str, Apex, Flown)> {
-        let run = |whose, frozen: &Frozen, start| {
+        let run = |whose, frozen: &PackedActor, start| {
             let flown = fly(&frozen.actor(), &hopper(self.rho), self.rho, start, DRAWN, |_| 0.0);
             (whose, start, flown)
         };

@@ -13,7 +13,7 @@ use crate::study::landscape::{Plane, bounds, hopper};
 use crate::study::learning::quartiles;
 use crate::study::one_step::{STOP_M_S, Step, Tried, distance};
 use crate::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
-use trainer::policy::Frozen;
+use trainer::policy::PackedActor;
 
 /// The states: velocities and heights that most starts of the training lie in.
 const VX_M_S: std::ops::Range<f64> = -6.0..6.0;
@@ -209,7 +209,7 @@ struct Acted {
     after_m_s: f64,
 }
 
-fn acted(actor: &Frozen, density: f64, best: &[Best]) -> Vec<Acted> {
+fn acted(actor: &PackedActor, density: f64, best: &[Best]) -> Vec<Acted> {
     let actor = actor.actor();
     let hopper = hopper(density);
     let act = |state: Apex| {

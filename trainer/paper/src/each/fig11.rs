@@ -14,7 +14,7 @@ use crate::study::flown::{authors_actor, fly, identity, other_leg};
 use crate::study::learning::quartiles;
 use crate::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
 use trainer::evaluate::survival::{HOPS, draw_starts, survival};
-use trainer::policy::Frozen;
+use trainer::policy::PackedActor;
 
 /// Bodies of the lines: springs, N/m, at 80 kg; masses, kg, at 20,000 N/m.
 const STIFFNESS_N_M: [f64; 8] =
@@ -136,7 +136,7 @@ impl Basin {
     pub(super) fn of(
         shop: &Workshop,
         name: &str,
-        agents: [&Frozen; 2],
+        agents: [&PackedActor; 2],
     ) -> Result<Self, FiguresError> {
         let extent = shop.extent;
         let cost_s = extent.of(8.0, 0.4);
@@ -144,8 +144,8 @@ impl Basin {
         shop.part(name, &inputs, cost_s, || Ok(Self::compute(agents, extent)))
     }
 
-    fn compute(agents: [&Frozen; 2], extent: Extent) -> Self {
-        let actors = agents.map(Frozen::actor);
+    fn compute(agents: [&PackedActor; 2], extent: Extent) -> Self {
+        let actors = agents.map(PackedActor::actor);
         let media = [(&actors[0], MEDIA[0].1), (&actors[1], MEDIA[1].1)];
         let draw = |count| draw_starts(count, &mut Pcg64::seed_from_u64(11));
         let starts = draw(starts_a_body(extent));

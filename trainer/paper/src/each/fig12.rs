@@ -14,7 +14,7 @@ use crate::study::learning::quartiles;
 use crate::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
 use trainer::environment::LOWEST_APEX_M;
 use trainer::evaluate::tracking::{START, highest_speed_of};
-use trainer::policy::Frozen;
+use trainer::policy::PackedActor;
 
 /// What the paper reaches, and what its authors' agent does in an independent
 /// simulator, m/s.
@@ -151,13 +151,13 @@ struct Speeds {
 }
 
 impl Speeds {
-    fn of(shop: &Workshop, name: &str, agent: &Frozen) -> Result<Self, FiguresError> {
+    fn of(shop: &Workshop, name: &str, agent: &PackedActor) -> Result<Self, FiguresError> {
         let extent = shop.extent;
         let cost_s = extent.of(3.0, 0.5);
         shop.part(name, &(identity(agent), extent), cost_s, || Ok(Self::compute(agent, extent)))
     }
 
-    fn compute(agent: &Frozen, extent: Extent) -> Self {
+    fn compute(agent: &PackedActor, extent: Extent) -> Self {
         let (actor, gains) = (agent.actor(), gains());
         let speed = |mass_kg, stiffness_n_m| {
             let hopper = other_leg(mass_kg, stiffness_n_m, Medium::AIR);

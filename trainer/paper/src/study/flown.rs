@@ -10,7 +10,7 @@ use serde::Serialize;
 use crate::{FiguresError, Reference};
 use trainer::environment::LOWEST_APEX_M;
 use trainer::evaluate::act;
-use trainer::policy::Frozen;
+use trainer::policy::PackedActor;
 
 /// Where a run starts in figures of which the paper does not say where.
 pub(crate) const START: Apex = Apex { vx_m_s: 1.0, y_m: 2.0 };
@@ -99,13 +99,13 @@ pub(crate) fn other_leg(mass_kg: f64, stiffness_n_m: f64, medium: Medium) -> Hop
 pub(crate) fn authors_actor(
     reference: Option<&Reference>,
     agent: &str,
-) -> Result<Option<Frozen>, FiguresError> {
+) -> Result<Option<PackedActor>, FiguresError> {
     reference.map(|reference| reference.actor(agent)).transpose()
 }
 
 /// All of an actor, as an input of a part.
-pub(crate) fn identity(frozen: &Frozen) -> impl Serialize + '_ {
-    (frozen.widths.as_slice(), frozen.observation, frozen.action, &frozen.packed)
+pub(crate) fn identity(frozen: &PackedActor) -> impl Serialize + '_ {
+    (frozen.widths.as_slice(), frozen.observation, frozen.action, &frozen.weights)
 }
 
 #[cfg(test)]

@@ -1,10 +1,10 @@
 //! C99: an actor as one source file, for firmware that is not in Rust.
 //!
-//! `leg_actor.c` beside this file is all of it but the figures. They are written in
+//! `leg_actor.c` beside this file is all of it but the numbers. They are written in
 //! hexadecimal, which is exact. Operations and their order are those of
 //! [`leg_control::actor`], tanh that of the crate `libm`, so the bits agree.
 
-use crate::policy::Frozen;
+use crate::policy::PackedActor;
 use leg_control::policy::{Policy, TestVector};
 use std::fmt::Write;
 
@@ -25,10 +25,10 @@ static void leg_relu(float *x, int count)
 /// A policy's actor as C source, with its test vectors as a self-test.
 #[must_use]
 pub fn export(policy: &Policy<'_>, vectors: &[TestVector]) -> String {
-    let frozen = Frozen::from(policy);
-    let layers = frozen.layers();
-    let (o, a) = (&frozen.observation, &frozen.action);
-    let widest = frozen.widths.iter().max().copied().unwrap_or_default();
+    let packed = PackedActor::from(policy);
+    let layers = packed.layers();
+    let (o, a) = (&packed.observation, &packed.action);
+    let widest = packed.widths.iter().max().copied().unwrap_or_default();
     let mut tables = format!("#define LEG_WIDEST {widest}\n\n");
     tables += &table("leg_observation_offset", &o.offset, 3);
     tables += &table("leg_observation_scale", &o.scale, 3);
@@ -81,9 +81,9 @@ fn plain(text: &str) -> String {
     text.chars().map(|c| if fine(c) { c } else { '_' }).collect()
 }
 
-fn table(name: &str, figures: &[f32], in_a_group: usize) -> String {
-    let mut text = format!("static const float {name}[{}] = {{\n", figures.len());
-    for group in figures.chunks(in_a_group) {
+fn table(name: &str, numbers: &[f32], in_a_group: usize) -> String {
+    let mut text = format!("static const float {name}[{}] = {{\n", numbers.len());
+    for group in numbers.chunks(in_a_group) {
         for line in group.chunks(6) {
             let line: Vec<String> = line.iter().map(|&x| hex(x)).collect();
             let _ = writeln!(text, "    {},", line.join(", "));

@@ -9,8 +9,8 @@ use super::proto::{Attribute, DOUBLE, FLOAT, Graph, Model, Node, Tensor};
 use super::signal::{Input, Signal, Step};
 use super::tensor::Constant;
 use crate::bridge::ImportError;
-use crate::bridge::card::{Card, KEY};
-use crate::bridge::draft::Draft;
+use crate::bridge::imported::ImportedActor;
+use crate::bridge::model_card::{KEY, ModelCard};
 use prost::Message;
 use std::collections::HashMap;
 use std::path::Path;
@@ -35,11 +35,11 @@ enum Edge<'a> {
 ///
 /// # Errors
 /// [`ImportError`] names the node that is not an actor's.
-pub fn import(bytes: &[u8], folder: Option<&Path>) -> Result<Draft, ImportError> {
+pub fn import(bytes: &[u8], folder: Option<&Path>) -> Result<ImportedActor, ImportError> {
     let model = Model::decode(bytes)?;
     let graph = model.graph.ok_or_else(|| ImportError::Graph("no graph in it".into()))?;
     let card = model.metadata_props.iter().find(|e| e.key == KEY);
-    let card = card.map(|e| Card::parse(&e.value)).transpose()?;
+    let card = card.map(|e| ModelCard::parse(&e.value)).transpose()?;
     let edges = Walk { folder, edges: HashMap::new() }.through(&graph)?;
     let mut drafts = Vec::new();
     let mut reasons = Vec::new();
@@ -56,7 +56,7 @@ pub fn import(bytes: &[u8], folder: Option<&Path>) -> Result<Draft, ImportError>
         }
     }
     match (drafts.pop(), drafts.is_empty()) {
-        (Some(draft), true) => Ok(Draft { card, ..draft }),
+        (Some(draft), true) => Ok(ImportedActor { card, ..draft }),
         (Some(_), false) => {
             let outputs = drafts.len() + 1;
             Err(ImportError::Graph(format!("{outputs} outputs are actions, expected one")))

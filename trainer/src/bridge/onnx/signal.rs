@@ -5,7 +5,7 @@
 //! gathered in f64 and rounded once.
 
 use super::tensor::Constant;
-use crate::bridge::draft::{Draft, Pairs};
+use crate::bridge::imported::{ImportedActor, Pairs};
 use crate::net::mlp::Layer;
 use crate::preset::{ACTION_HIGH, ACTION_LOW};
 use leg_control::actor::{INPUTS, MAX_LAYERS, ObservationScaling};
@@ -184,7 +184,7 @@ impl Signal {
     }
 
     /// The actor, if this is an action.
-    pub(super) fn draft(self) -> Result<Draft, String> {
+    pub(super) fn draft(self) -> Result<ImportedActor, String> {
         let Self::Action(Trunk { input, layers }, output) = self else {
             return Err(format!("it is {}, with no Tanh at the end", self.kind()));
         };
@@ -194,7 +194,7 @@ impl Signal {
         });
         let layers = layers.into_iter().map(Rc::unwrap_or_clone).collect();
         let (action, bounds) = output.scalings();
-        Ok(Draft { layers, observation, action, bounds, ..Draft::default() })
+        Ok(ImportedActor { layers, observation, action, bounds, ..ImportedActor::default() })
     }
 }
 

@@ -6,14 +6,14 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Component, Path};
 
-/// Most figures in a constant that an actor may have.
+/// Most values in a constant that an actor may have.
 const MOST_FIGURES: usize = MAX_WIDTH * MAX_WIDTH;
 
-/// A tensor of finite figures.
+/// A tensor of finite values.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Constant {
     pub(super) dims: Vec<usize>,
-    pub(super) figures: Vec<f64>,
+    pub(super) values: Vec<f64>,
 }
 
 impl Constant {
@@ -21,18 +21,15 @@ impl Constant {
         Self::new(vec![], vec![f64::from(x)])
     }
 
-    /// The only way to make one: as many figures as the dimensions say, all finite.
-    fn new(dims: Vec<usize>, figures: Vec<f64>) -> Result<Self, String> {
+    /// The only way to make one: as many values as the dimensions say, all finite.
+    fn new(dims: Vec<usize>, values: Vec<f64>) -> Result<Self, String> {
         let expected: usize = dims.iter().product();
-        if figures.len() != expected {
-            return Err(format!(
-                "{} figures where its shape {dims:?} has {expected}",
-                figures.len()
-            ));
+        if values.len() != expected {
+            return Err(format!("{} values where its shape {dims:?} has {expected}", values.len()));
         }
-        match figures.iter().position(|x| !(*x as f32).is_finite()) {
-            None => Ok(Self { dims, figures }),
-            Some(i) => Err(format!("figure {i} is {}, not a finite number within f32", figures[i])),
+        match values.iter().position(|x| !(*x as f32).is_finite()) {
+            None => Ok(Self { dims, values }),
+            Some(i) => Err(format!("figure {i} is {}, not a finite number within f32", values[i])),
         }
     }
 
@@ -47,7 +44,7 @@ impl Constant {
             let (Some(n), Some(larger)) = (n, larger) else {
                 let shape = &tensor.dims[..tensor.dims.len().min(8)];
                 return Err(format!(
-                    "shape {shape:?}, an actor's have at most {MOST_FIGURES} figures"
+                    "shape {shape:?}, an actor's have at most {MOST_FIGURES} values"
                 ));
             };
             count = larger;
@@ -67,7 +64,7 @@ impl Constant {
         } else {
             tensor.raw_data.as_deref()
         };
-        let figures = match (raw, size) {
+        let values = match (raw, size) {
             (Some(raw), _) if raw.len() != count * size => {
                 return Err(format!(
                     "{} bytes where its shape {dims:?} has {}",
@@ -82,7 +79,7 @@ impl Constant {
             (None, 4) => tensor.float_data.iter().map(|&x| f64::from(x)).collect(),
             (None, _) => tensor.double_data.clone(),
         };
-        Self::new(dims, figures)
+        Self::new(dims, values)
     }
 
     /// Rows and columns.
@@ -95,18 +92,18 @@ impl Constant {
 
     pub(super) fn transposed(&self) -> Result<Self, String> {
         let [rows, columns] = self.matrix()?;
-        let figures = (0..columns)
+        let values = (0..columns)
             .flat_map(|j| (0..rows).map(move |i| (i, j)))
-            .map(|(i, j)| self.figures[i * columns + j]);
-        Ok(Self { dims: vec![columns, rows], figures: figures.collect() })
+            .map(|(i, j)| self.values[i * columns + j]);
+        Ok(Self { dims: vec![columns, rows], values: values.collect() })
     }
 
     /// As a row of this width, to go with each row of a batch.
     pub(super) fn spread_over(&self, width: usize) -> Result<Vec<f64>, String> {
         let leading = self.dims.split_last().map_or(&[][..], |(_, leading)| leading);
-        match (self.figures.len(), leading.iter().all(|&n| n == 1)) {
-            (1, _) => Ok(vec![self.figures[0]; width]),
-            (n, true) if n == width => Ok(self.figures.clone()),
+        match (self.values.len(), leading.iter().all(|&n| n == 1)) {
+            (1, _) => Ok(vec![self.values[0]; width]),
+            (n, true) if n == width => Ok(self.values.clone()),
             _ => Err(format!("a constant of shape {:?} beside rows of {width}", self.dims)),
         }
     }
@@ -117,7 +114,7 @@ impl Constant {
     }
 
     pub(super) fn f32s(&self) -> Vec<f32> {
-        self.figures.iter().map(|&x| x as f32).collect()
+        self.values.iter().map(|&x| x as f32).collect()
     }
 }
 

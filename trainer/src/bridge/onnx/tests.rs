@@ -4,17 +4,17 @@ use super::import;
 use super::proto::{
     ATTRIBUTE_INT, Attribute, EXTERNAL, Entry, FLOAT, Graph, Model, Node, Tensor, ValueInfo,
 };
-use crate::bridge::draft::{Draft, Given};
+use crate::bridge::imported::{ImportOptions, ImportedActor};
 use leg_control::actor::{Action, Observation};
 use prost::Message;
 use std::path::Path;
 
-fn tensor(name: &str, dims: &[i64], figures: &[f32]) -> Tensor {
+fn tensor(name: &str, dims: &[i64], numbers: &[f32]) -> Tensor {
     Tensor {
         name: name.into(),
         dims: dims.into(),
         data_type: FLOAT,
-        float_data: figures.into(),
+        float_data: numbers.into(),
         ..Default::default()
     }
 }
@@ -74,14 +74,14 @@ fn model(nodes: &[&str], constants: Vec<Tensor>) -> Vec<u8> {
     Model { ir_version: 7, graph: Some(graph), ..Default::default() }.encode_to_vec()
 }
 
-fn read(nodes: &[&str]) -> Result<Draft, String> {
+fn read(nodes: &[&str]) -> Result<ImportedActor, String> {
     import(&model(nodes, constants()), None).map_err(|e| e.to_string())
 }
 
-fn act(draft: Draft, [vx, y, rho]: [f32; 3]) -> [f32; 2] {
-    let frozen = draft.complete(&Given::default()).unwrap().frozen;
+fn act(draft: ImportedActor, [vx, y, rho]: [f32; 3]) -> [f32; 2] {
+    let packed = draft.complete(&ImportOptions::default()).unwrap().packed;
     let observation = Observation { apex_vx_m_s: vx, apex_y_m: y, density_ratio: rho };
-    let Action { touchdown_angle_rad, elongation_speed_m_s } = frozen.actor().act(observation);
+    let Action { touchdown_angle_rad, elongation_speed_m_s } = packed.actor().act(observation);
     [touchdown_angle_rad, elongation_speed_m_s]
 }
 
@@ -200,7 +200,7 @@ fn what_no_actor_does_is_named() {
 }
 
 /// The graph of one layer, whose weights are this tensor.
-fn of_weights(weights: Tensor, folder: Option<&Path>) -> Result<Draft, String> {
+fn of_weights(weights: Tensor, folder: Option<&Path>) -> Result<ImportedActor, String> {
     let nodes = ["Gemm:transB=1 obs w > a", "Tanh a > act"];
     import(&model(&nodes, vec![weights]), folder).map_err(|e| e.to_string())
 }
@@ -215,10 +215,10 @@ fn damaged_tensors_are_refused() {
         let error = of_weights(weights, None).unwrap_err();
         assert!(error.contains("node Gemm") && error.contains(said), "{error}");
     };
-    refused(&|t| t.dims = vec![i64::MAX, 3], "at most 16384 figures");
-    refused(&|t| t.dims = vec![1 << 32, 1 << 32], "at most 16384 figures");
-    refused(&|t| t.dims = vec![-2, -3], "at most 16384 figures");
-    refused(&|t| t.dims = vec![0, 3], "6 figures where its shape [0, 3] has 0");
+    refused(&|t| t.dims = vec![i64::MAX, 3], "at most 16384 numbers");
+    refused(&|t| t.dims = vec![1 << 32, 1 << 32], "at most 16384 numbers");
+    refused(&|t| t.dims = vec![-2, -3], "at most 16384 numbers");
+    refused(&|t| t.dims = vec![0, 3], "6 numbers where its shape [0, 3] has 0");
     refused(&|t| t.dims = vec![6], "expected a matrix");
     refused(&|t| t.float_data[4] = f32::NAN, "figure 4 is NaN");
     refused(&|t| t.data_type = 10, "data type 10, readable are");
@@ -231,8 +231,8 @@ fn weights_beside_the_file_are_read_and_only_those() {
     let directory = tempfile::tempdir().unwrap();
     let folder = directory.path().join("model");
     std::fs::create_dir(&folder).unwrap();
-    let figures: Vec<f32> = (0..7).map(|i| i as f32).collect();
-    std::fs::write(folder.join("w.data"), bytemuck::cast_slice::<f32, u8>(&figures)).unwrap();
+    let numbers: Vec<f32> = (0..7).map(|i| i as f32).collect();
+    std::fs::write(folder.join("w.data"), bytemuck::cast_slice::<f32, u8>(&numbers)).unwrap();
     std::fs::write(directory.path().join("secret"), [0; 24]).unwrap();
     std::os::unix::fs::symlink("../secret", folder.join("link")).unwrap();
     let of = |entries: &[(&str, &str)]| {
@@ -247,7 +247,7 @@ fn weights_beside_the_file_are_read_and_only_those() {
         of_weights(weights, Some(&folder))
     };
     let draft = of(&[("location", "w.data"), ("offset", "4"), ("length", "24")]).unwrap();
-    assert_eq!(draft.layers[0].weights, figures[1..]);
+    assert_eq!(draft.layers[0].weights, numbers[1..]);
     for (entries, said) in [
         (&[("location", "w.data"), ("offset", "8")][..], "it ends after 20 of 24 bytes"),
         (&[("location", "w.data"), ("offset", "18446744073709551615")], "external data in"),

@@ -4,8 +4,8 @@ use super::proto::{
     ATTRIBUTE_INT, Attribute, Dimension, Entry, FLOAT, Graph, Model, Node, OperatorSet, Shape,
     Tensor, TensorType, Type, ValueInfo,
 };
-use crate::bridge::card::{Card, KEY};
-use crate::policy::Frozen;
+use crate::bridge::model_card::{KEY, ModelCard};
+use crate::policy::PackedActor;
 use leg_control::actor::{INPUTS, OUTPUTS};
 use leg_control::policy::Policy;
 use prost::Message;
@@ -24,13 +24,13 @@ const IR_VERSION: i64 = 7;
 /// way: here it stays so, where the controller takes the lowest action.
 #[must_use]
 pub fn export(policy: &Policy<'_>) -> Vec<u8> {
-    let frozen = Frozen::from(policy);
-    let card = Card::from(policy);
+    let packed = PackedActor::from(policy);
+    let card = ModelCard::from(policy);
     let mut chain = Chain { at: "observation".into(), nodes: vec![], initializers: vec![] };
-    let o = &frozen.observation;
+    let o = &packed.observation;
     chain.with("Sub", "observation_offset", &o.offset);
     chain.with("Mul", "observation_scale", &o.scale);
-    let layers = frozen.layers();
+    let layers = packed.layers();
     for (i, layer) in layers.iter().enumerate() {
         let weight = chain.constant(
             &format!("{}.weight", 2 * i),
@@ -48,7 +48,7 @@ pub fn export(policy: &Policy<'_>) -> Vec<u8> {
         chain.nodes.last_mut().expect("just pushed").attribute.push(transposed);
         chain.node(if i + 1 < layers.len() { "Relu" } else { "Tanh" }, &[]);
     }
-    let a = &frozen.action;
+    let a = &packed.action;
     chain.with("Mul", "action_scale", &a.scale);
     chain.with("Add", "action_offset", &a.offset);
     chain.with("Max", "action_low", &a.low);
@@ -100,17 +100,17 @@ impl Chain {
         self.at = name;
     }
 
-    fn with(&mut self, op: &str, name: &str, figures: &[f32]) {
-        let constant = self.constant(name, &[figures.len()], figures);
+    fn with(&mut self, op: &str, name: &str, numbers: &[f32]) {
+        let constant = self.constant(name, &[numbers.len()], numbers);
         self.node(op, &[constant]);
     }
 
-    fn constant(&mut self, name: &str, dims: &[usize], figures: &[f32]) -> String {
+    fn constant(&mut self, name: &str, dims: &[usize], numbers: &[f32]) -> String {
         self.initializers.push(Tensor {
             dims: dims.iter().map(|&n| dimension(n)).collect(),
             data_type: FLOAT,
             name: name.into(),
-            raw_data: Some(figures.iter().flat_map(|x| x.to_le_bytes()).collect()),
+            raw_data: Some(numbers.iter().flat_map(|x| x.to_le_bytes()).collect()),
             ..Default::default()
         });
         name.into()

@@ -4,9 +4,9 @@ use super::{ACTOR_PADDED, Ddpg};
 use crate::net::Row;
 use serde::{Deserialize, Serialize};
 
-/// The weights of all networks, targets and averages, and the memory of the optimisers.
+/// The weights of all networks, targets and averages, and the state of the optimisers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Memory {
+pub struct AgentState {
     /// Row by row, in the order of [`Ddpg::rows`].
     #[serde(with = "crate::replay::bytes")]
     numbers: Vec<f32>,
@@ -52,31 +52,31 @@ impl<const X: usize, const H: usize, const E: usize, const P: usize, const B: us
     }
 
     /// What it remembers.
-    pub(super) fn memory(&self) -> Memory {
+    pub(super) fn state(&self) -> AgentState {
         let (actor, critic) = self.rows();
         let actor = actor.into_iter().flatten().flat_map(|row| row.0);
         let critic = critic.into_iter().flatten().flat_map(|row| row.0);
-        Memory {
+        AgentState {
             numbers: actor.chain(critic).collect(),
             decayed: [self.actor_adam.decayed, self.critic_adam.decayed],
         }
     }
 
     /// Remembers what another of the same shape did; false when the shape differs.
-    pub(super) fn remember(&mut self, memory: &Memory) -> bool {
+    pub(super) fn restore(&mut self, state: &AgentState) -> bool {
         let (actor, critic) = self.rows();
         let length = actor.iter().map(|rows| rows.len() * ACTOR_PADDED).sum::<usize>()
             + critic.iter().map(|rows| rows.len() * P).sum::<usize>();
-        if memory.numbers.len() != length {
+        if state.numbers.len() != length {
             return false;
         }
         let (actor, critic) = self.rows_mut();
         let actor = actor.into_iter().flatten().flat_map(|row| &mut row.0);
         let critic = critic.into_iter().flatten().flat_map(|row| &mut row.0);
-        for (here, &there) in actor.chain(critic).zip(&memory.numbers) {
+        for (here, &there) in actor.chain(critic).zip(&state.numbers) {
             *here = there;
         }
-        [self.actor_adam.decayed, self.critic_adam.decayed] = memory.decayed;
+        [self.actor_adam.decayed, self.critic_adam.decayed] = state.decayed;
         true
     }
 }

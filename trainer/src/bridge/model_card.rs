@@ -1,7 +1,7 @@
 //! What an exported actor says of itself, beside its weights.
 
 use super::ImportError;
-use crate::policy::{Frozen, blob_of};
+use crate::policy::{PackedActor, blob_with_manifest};
 use leg_control::actor::{ActionScaling, ObservationScaling};
 use leg_control::leg::LegModel;
 use leg_control::policy::{GainPoint, MAX_GAIN_POINTS, Manifest, Media, Policy, Provenance};
@@ -16,7 +16,7 @@ pub const KEY: &str = "leg_actor";
 
 /// Everything in a policy but weights and test vectors, as one JSON object.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Card {
+pub struct ModelCard {
     /// What the policy is called.
     pub name: String,
     /// Between layers; always `relu`.
@@ -47,7 +47,7 @@ pub struct Card {
     pub policy_crc32: String,
 }
 
-impl From<&Policy<'_>> for Card {
+impl From<&Policy<'_>> for ModelCard {
     fn from(policy: &Policy<'_>) -> Self {
         let m = policy.manifest();
         Self {
@@ -69,11 +69,11 @@ impl From<&Policy<'_>> for Card {
     }
 }
 
-impl Card {
+impl ModelCard {
     /// As JSON, on one line.
     ///
     /// # Panics
-    /// Never: the figures of a policy are finite.
+    /// Never: the numbers of a policy are finite.
     #[must_use]
     pub fn to_json(&self) -> String {
         serde_json::to_string(self).expect("strings and finite numbers")
@@ -102,20 +102,20 @@ impl Card {
     /// one that the card was written for, as its checksum tells: the actor has been
     /// changed since, and what the card says of its making no longer holds.
     #[must_use]
-    pub fn policy(&self, frozen: &Frozen) -> Option<AlignedBytes> {
-        let bytes = blob_of(&self.manifest(frozen), &frozen.packed).ok()?;
+    pub fn policy(&self, packed: &PackedActor) -> Option<AlignedBytes> {
+        let bytes = blob_with_manifest(&self.manifest(packed), &packed.weights).ok()?;
         let crc32 = Policy::parse(bytes.as_slice()).ok()?.crc32();
         (format!("{crc32:08x}") == self.policy_crc32).then_some(bytes)
     }
 
     /// The manifest of a policy of this actor.
     #[must_use]
-    pub fn manifest(&self, frozen: &Frozen) -> Manifest<'_> {
+    pub fn manifest(&self, packed: &PackedActor) -> Manifest<'_> {
         Manifest {
             name: &self.name,
-            widths: frozen.widths.clone(),
-            observation: frozen.observation,
-            action: frozen.action,
+            widths: packed.widths.clone(),
+            observation: packed.observation,
+            action: packed.action,
             leg: self.leg,
             media: self.media,
             provenance: Provenance {

@@ -1,18 +1,18 @@
 //! An actor as a file has it, and what must be added to make it fly.
 
 use super::ImportError;
-use super::card::Card;
+use super::model_card::ModelCard;
 use crate::net::mlp::Layer;
-use crate::policy::Frozen;
+use crate::policy::PackedActor;
 use crate::preset::{ACTION_HIGH, ACTION_LOW};
 use leg_control::actor::{ActionScaling, ObservationScaling};
 
-/// Two pairs of figures, one of each pair for each action: rad, m/s.
+/// Two pairs of numbers, one of each pair for each action: rad, m/s.
 pub type Pairs = [[f32; 2]; 2];
 
 /// An actor as read from a file. What the file does not say is `None`.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Draft {
+pub struct ImportedActor {
     /// In natural order.
     pub layers: Vec<Layer>,
     /// From an observation to the network's inputs.
@@ -22,14 +22,14 @@ pub struct Draft {
     /// Lowest and highest action; rad, m/s.
     pub bounds: Option<Pairs>,
     /// What one of our own exports says of itself.
-    pub card: Option<Card>,
+    pub card: Option<ModelCard>,
     /// What the file cannot say and was taken for granted.
     pub assumed: Vec<String>,
 }
 
 /// Scalings that a user gives, for files that do not have them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Given {
+pub struct ImportOptions {
     /// Subtracted from the observation: m/s, m, ratio.
     pub observation_offset: Option<[f32; 3]>,
     /// Then multiplied.
@@ -46,16 +46,16 @@ pub struct Given {
 
 /// An actor that can fly.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Imported {
+pub struct CompleteActor {
     /// The actor.
-    pub frozen: Frozen,
+    pub packed: PackedActor,
     /// The card, if it was written for this very actor.
-    pub card: Option<Card>,
+    pub card: Option<ModelCard>,
     /// What neither the file nor the user said.
     pub assumed: Vec<String>,
 }
 
-impl Draft {
+impl ImportedActor {
     /// Fills in what the file does not say: what is given; else observations as they
     /// are, the leg's bounds, and a tanh from -1 to 1 spread from the lowest to the
     /// highest action (what a Gymnasium `Box` action means to SB3).
@@ -63,9 +63,9 @@ impl Draft {
     /// # Errors
     /// When a figure is given for what the file says itself, when one is not finite
     /// or out of order, and when the layers are not those of an actor.
-    pub fn complete(self, given: &Given) -> Result<Imported, ImportError> {
-        let Given { observation_offset, observation_scale, .. } = *given;
-        let Given { action_offset, action_scale, action_low, action_high, .. } = *given;
+    pub fn complete(self, given: &ImportOptions) -> Result<CompleteActor, ImportError> {
+        let ImportOptions { observation_offset, observation_scale, .. } = *given;
+        let ImportOptions { action_offset, action_scale, action_low, action_high, .. } = *given;
         refuse(self.observation.is_some() && observation_offset.is_some(), "--observation-offset")?;
         refuse(self.observation.is_some() && observation_scale.is_some(), "--observation-scale")?;
         refuse(self.action.is_some() && action_offset.is_some(), "--action-offset")?;
@@ -112,9 +112,9 @@ impl Draft {
             finite(&format!("biases of layer {i}"), &layer.bias)?;
         }
         let action = ActionScaling { scale, offset, low, high };
-        let frozen = Frozen::new(&self.layers, observation, action)?;
-        let card = self.card.filter(|card| card.policy(&frozen).is_some());
-        Ok(Imported { frozen, card, assumed })
+        let packed = PackedActor::new(&self.layers, observation, action)?;
+        let card = self.card.filter(|card| card.policy(&packed).is_some());
+        Ok(CompleteActor { packed, card, assumed })
     }
 }
 
@@ -122,11 +122,11 @@ fn refuse(both: bool, option: &'static str) -> Result<(), ImportError> {
     if both { Err(ImportError::Own { option }) } else { Ok(()) }
 }
 
-fn finite(key: &str, figures: &[f32]) -> Result<(), ImportError> {
-    match figures.iter().position(|x| !x.is_finite()) {
+fn finite(key: &str, numbers: &[f32]) -> Result<(), ImportError> {
+    match numbers.iter().position(|x| !x.is_finite()) {
         None => Ok(()),
         Some(i) => {
-            let found = figures[i].to_string();
+            let found = numbers[i].to_string();
             Err(ImportError::value(format!("{key}[{i}]"), found, "a finite number"))
         }
     }
