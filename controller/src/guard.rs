@@ -1,20 +1,36 @@
-//! The door: nothing unchecked comes past it, and it decides when to give up.
+//! Checks every measurement before anything is computed from it, and decides when to
+//! give up.
 //!
-//! A sample is used only if it is of this wire version, finite, in range, says
-//! where the foot is, and follows the last one. What fails is counted by kind.
-//! One bad tick is bridged by continuing the last command ([`Verdict::Coast`]);
-//! after [`Limits::safe_after_ticks`] in a row the leg gets the safe command
-//! ([`Verdict::Safe`]) until [`Limits::recover_after_ticks`] good samples have
-//! come in a row. In the safe state the guard forgets where the run was, run id
-//! included, so that no single corrupt number can lock the true ones out.
+//! A measurement is used only if it is finite, in range, and later than the last one.
+//! Rejected ones are counted by reason. One tick without a usable measurement is bridged
+//! by continuing the last command ([`Verdict::Coast`]); after [`SAFE_AFTER_NS`] in a row
+//! the leg gets the safe command ([`Verdict::Safe`]) until
+//! [`Limits::recover_after_ticks`] good measurements have come in a row. In the safe
+//! state the guard forgets the time of the last measurement, so that no single corrupt
+//! time stamp can lock the true ones out.
 
-use crate::wire::{Header, Sample, WIRE_VERSION, flags};
+use crate::measurement::{Contact, Measurement};
 
-/// What a sample must satisfy.
+/// Time without a usable measurement after which the leg gets the safe command, ns: a
+/// twentieth of a stance of the human-size leg. The one such constant: whoever holds a
+/// command in place of the controller gives up after the same time.
+pub const SAFE_AFTER_NS: u64 = 10_000_000;
+
+/// Fewest ticks of it: at low rates a single lost message is bridged all the same.
+const FEWEST_SAFE_AFTER_TICKS: u64 = 3;
+
+/// Returns [`SAFE_AFTER_NS`] in ticks of `tick_ns`, at least 3: 10 at 1 kHz.
+#[must_use]
+pub const fn safe_after_ticks(tick_ns: u64) -> u32 {
+    let tick_ns = if tick_ns == 0 { 1 } else { tick_ns };
+    let ticks = (SAFE_AFTER_NS + tick_ns / 2) / tick_ns;
+    if ticks > FEWEST_SAFE_AFTER_TICKS { ticks as u32 } else { FEWEST_SAFE_AFTER_TICKS as u32 }
+}
+
+/// What a measurement must satisfy.
 ///
-/// The defaults leave room around a human-size leg: it lands at 15 m/s from the
-/// highest starts of the training (12 m) and runs at up to 25 m/s; ten ticks at
-/// 1 kHz are a twentieth of a stance.
+/// The defaults leave room around a human-size leg: it lands at 15 m/s from the highest
+/// starts of the training (12 m) and runs at up to 25 m/s.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
     /// Largest speed in either direction, and largest set-point, m/s.
@@ -23,13 +39,11 @@ pub struct Limits {
     pub height_m: [f32; 2],
     /// Shortest and longest leg, m.
     pub leg_length_m: [f32; 2],
-    /// Lowest and highest sensed density ratio.
+    /// Lowest and highest measured density ratio.
     pub density_ratio: [f32; 2],
-    /// Longest time between two samples, ns.
+    /// Longest time between two measurements, ns.
     pub max_gap_ns: u64,
-    /// Bad ticks in a row after which the leg gets the safe command.
-    pub safe_after_ticks: u32,
-    /// Good samples in a row that end the safe state.
+    /// Good measurements in a row that end the safe state.
     pub recover_after_ticks: u32,
 }
 
@@ -41,27 +55,69 @@ impl Default for Limits {
             leg_length_m: [0.0, 10.0],
             density_ratio: [0.0, 2.0],
             max_gap_ns: 20_000_000,
-            safe_after_ticks: 10,
             recover_after_ticks: 3,
         }
     }
 }
 
-/// Why a tick brought nothing to go by.
+impl Limits {
+    /// Returns whether every range is finite and not empty, so that a measurement can
+    /// satisfy it and nothing that does can overflow: magnitudes up to 1e6.
+    #[must_use]
+    pub fn are_valid(&self) -> bool {
+        let most = 1e6;
+        let is_range = |[low, high]: [f32; 2]| -most <= low && low < high && high <= most;
+        is_range([-self.max_speed_m_s, self.max_speed_m_s])
+            && [self.height_m, self.leg_length_m, self.density_ratio].into_iter().all(is_range)
+            && self.height_m[0] >= 0.0
+            && self.max_gap_ns > 0
+    }
+
+    /// Checks the values of a measurement by themselves.
+    ///
+    /// # Errors
+    /// [`Reject::NonFinite`] or [`Reject::OutOfRange`].
+    #[inline]
+    pub fn check<'m>(&self, measurement: &'m Measurement) -> Result<InRange<'m>, Reject> {
+        let &Measurement { vx_m_s, y_m, vy_m_s, contact, density_ratio, .. } = measurement;
+        let speeds = [-self.max_speed_m_s, self.max_speed_m_s];
+        let length = match contact {
+            Contact::Sensed(_) => None,
+            Contact::LegLength(length_m) => Some(length_m),
+        };
+        // Nothing wrong with what is not measured.
+        let or_low = |x: Option<f32>, range: [f32; 2]| (x.unwrap_or(range[0]), range);
+        let values = [
+            (vx_m_s, speeds),
+            (vy_m_s, speeds),
+            (y_m, self.height_m),
+            or_low(length, self.leg_length_m),
+            or_low(density_ratio, self.density_ratio),
+        ];
+        if values.iter().all(|&(x, [low, high])| low <= x && x <= high) {
+            return Ok(InRange(measurement));
+        }
+        let is_finite = values.iter().all(|(x, _)| x.is_finite());
+        Err(if is_finite { Reject::OutOfRange } else { Reject::NonFinite })
+    }
+}
+
+/// Why a tick has no usable measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum Reject {
-    /// No sample came.
+    /// None came.
     Missing,
-    /// The sender speaks another wire version.
+    /// The sender uses another wire version.
     Version,
-    /// A figure is NaN or infinite.
+    /// A value is NaN or infinite.
     NonFinite,
-    /// A figure is outside its [`Limits`].
+    /// A value is outside its [`Limits`].
     OutOfRange,
-    /// Neither contact nor leg length is sensed.
+    /// The message has neither a contact reading nor a leg length.
     NoContactSense,
-    /// It belongs to an earlier run.
+    /// The message belongs to an earlier run.
     OldRun,
     /// The same tick again.
     Stale,
@@ -71,7 +127,7 @@ pub enum Reject {
     Gap,
 }
 
-/// Rejected ticks by kind, since the run's start.
+/// Rejected ticks by reason, since the start of the run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// [`Reject::Missing`].
@@ -94,6 +150,8 @@ pub struct Counts {
     pub gap: u32,
     /// Times that the safe state was entered.
     pub safe_entered: u32,
+    /// Ticks whose set-point was refused; they count as used all the same.
+    pub set_points_refused: u32,
 }
 
 impl Counts {
@@ -112,7 +170,7 @@ impl Counts {
         *count = count.saturating_add(1);
     }
 
-    /// Rejected ticks of every kind.
+    /// Returns the number of rejected ticks, whatever the reason.
     #[must_use]
     pub fn rejected(&self) -> u32 {
         [
@@ -130,7 +188,7 @@ impl Counts {
         .fold(0, u32::saturating_add)
     }
 
-    /// Each kind with its name, for tables.
+    /// Returns the name and the count of each reason, for tables.
     #[must_use]
     pub fn by_kind(&self) -> [(&'static str, u32); 9] {
         [
@@ -147,40 +205,41 @@ impl Counts {
     }
 }
 
-/// A sample that has passed the guard. Only the guard makes one.
+/// A measurement whose values are finite and in range. Only [`Limits::check`] makes one.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Trusted(Sample);
+pub struct InRange<'m>(&'m Measurement);
 
-impl Trusted {
-    /// The sample.
+/// A measurement that has passed every check. Only the guard makes one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Trusted<'m>(&'m Measurement);
+
+impl Trusted<'_> {
+    /// Returns the measurement.
     #[must_use]
-    pub fn sample(&self) -> &Sample {
-        &self.0
-    }
-
-    pub(crate) fn has(&self, flag: u16) -> bool {
-        self.0.header.flags & flag != 0
+    pub fn measurement(&self) -> &Measurement {
+        self.0
     }
 }
 
 /// What to do in this tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Verdict {
-    /// Go by this sample; it follows the last one.
-    Use(Trusted),
-    /// Go by this sample, and forget all before it: a new run, or a recovery.
-    Restart(Trusted),
-    /// Nothing to go by: continue the last command.
-    Coast,
-    /// Nothing to go by for too long: the safe command.
-    Safe,
+pub enum Verdict<'m> {
+    /// Use this measurement; it follows the last one.
+    Use(Trusted<'m>),
+    /// Use this measurement and forget all before it: a new run, or a recovery.
+    Restart(Trusted<'m>),
+    /// No usable measurement: continue the last command.
+    Coast(Reject),
+    /// No usable measurement for too long, or not enough good ones since: the safe
+    /// command. The reason is none while good measurements are counted.
+    Safe(Option<Reject>),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
     /// Good so far, or this many bad ticks in a row.
     Running { bad_ticks: u32 },
-    /// In the safe command, with this many good samples in a row.
+    /// In the safe state, with this many good measurements in a row.
     Safe { good_ticks: u32 },
 }
 
@@ -188,261 +247,113 @@ enum State {
 #[derive(Clone, Debug)]
 pub struct Guard {
     limits: Limits,
+    safe_after_ticks: u32,
     state: State,
-    /// The last good sample; forgotten in the safe state.
-    last: Option<Header>,
-    /// Of the last good sample ever: whose counts these are.
-    run_id: Option<u32>,
+    /// Time of the last good measurement, ns; forgotten in the safe state.
+    last_ns: Option<u64>,
+    /// The next good measurement is the first of another run.
+    run_is_new: bool,
     counts: Counts,
 }
 
 impl Guard {
-    /// A guard that starts in the safe state but trusts the first good sample.
+    /// Returns a guard that starts in the safe state and trusts the first good measurement.
     #[must_use]
-    pub fn new(limits: Limits) -> Self {
+    pub fn new(limits: Limits, tick_ns: u64) -> Self {
         let state = State::Safe { good_ticks: limits.recover_after_ticks.saturating_sub(1) };
-        Self { limits, state, last: None, run_id: None, counts: Counts::default() }
+        Self {
+            limits,
+            safe_after_ticks: safe_after_ticks(tick_ns),
+            state,
+            last_ns: None,
+            run_is_new: false,
+            counts: Counts::default(),
+        }
     }
 
-    /// What was rejected so far.
+    /// Returns what was rejected so far in this run.
     #[must_use]
     pub fn counts(&self) -> &Counts {
         &self.counts
     }
 
-    /// Judges this tick's sample, or that there is none.
-    pub fn judge(&mut self, sample: Option<&Sample>) -> Verdict {
-        match self.check(sample) {
-            Ok(sample) => self.accept(sample),
+    /// Returns the limits that measurements are checked against.
+    #[must_use]
+    pub fn limits(&self) -> &Limits {
+        &self.limits
+    }
+
+    /// Announces that the next measurement begins another run: its time may be any, and
+    /// with it the counters start at 0.
+    pub fn begin_run(&mut self) {
+        self.run_is_new = true;
+        self.last_ns = None;
+    }
+
+    /// Counts a set-point that was refused.
+    pub fn count_refused_set_point(&mut self) {
+        self.counts.set_points_refused = self.counts.set_points_refused.saturating_add(1);
+    }
+
+    /// Judges the measurement of this tick, or why there is none.
+    #[inline]
+    pub fn judge<'m>(&mut self, measurement: Result<InRange<'m>, Reject>) -> Verdict<'m> {
+        match measurement.and_then(|InRange(m)| self.check_time(m.t_ns).map(|()| m)) {
+            Ok(measurement) => self.accept(measurement),
             Err(reject) => self.reject(reject),
         }
     }
 
-    fn accept(&mut self, sample: Sample) -> Verdict {
-        self.last = Some(sample.header);
-        let run_id = self.run_id.replace(sample.header.run_id);
-        let new_run = run_id.is_some_and(|run_id| run_id != sample.header.run_id);
-        if new_run {
+    fn accept<'m>(&mut self, measurement: &'m Measurement) -> Verdict<'m> {
+        self.last_ns = Some(measurement.t_ns);
+        let run_is_new = core::mem::take(&mut self.run_is_new);
+        if run_is_new {
             self.counts = Counts::default();
         }
         match self.state {
             State::Safe { good_ticks } if good_ticks + 1 < self.limits.recover_after_ticks => {
                 self.state = State::Safe { good_ticks: good_ticks + 1 };
-                Verdict::Safe
+                Verdict::Safe(None)
             }
-            State::Running { .. } if !new_run => {
+            State::Running { .. } if !run_is_new => {
                 self.state = State::Running { bad_ticks: 0 };
-                Verdict::Use(Trusted(sample))
+                Verdict::Use(Trusted(measurement))
             }
             State::Running { .. } | State::Safe { .. } => {
                 self.state = State::Running { bad_ticks: 0 };
-                Verdict::Restart(Trusted(sample))
+                Verdict::Restart(Trusted(measurement))
             }
         }
     }
 
-    fn reject(&mut self, reject: Reject) -> Verdict {
+    fn reject<'m>(&mut self, reject: Reject) -> Verdict<'m> {
         self.counts.add(reject);
         let bad_ticks = match self.state {
             State::Running { bad_ticks } => bad_ticks.saturating_add(1),
-            State::Safe { .. } => self.limits.safe_after_ticks,
+            State::Safe { .. } => self.safe_after_ticks,
         };
-        if bad_ticks < self.limits.safe_after_ticks {
+        if bad_ticks < self.safe_after_ticks {
             self.state = State::Running { bad_ticks };
-            return Verdict::Coast;
+            return Verdict::Coast(reject);
         }
         if matches!(self.state, State::Running { .. }) {
             self.counts.safe_entered = self.counts.safe_entered.saturating_add(1);
         }
         self.state = State::Safe { good_ticks: 0 };
-        self.last = None;
-        Verdict::Safe
+        self.last_ns = None;
+        Verdict::Safe(Some(reject))
     }
 
-    fn check(&self, sample: Option<&Sample>) -> Result<Sample, Reject> {
-        let sample = *sample.ok_or(Reject::Missing)?;
-        if sample.header.version != WIRE_VERSION {
-            return Err(Reject::Version);
+    fn check_time(&self, t_ns: u64) -> Result<(), Reject> {
+        match self.last_ns {
+            None => Ok(()),
+            Some(last_ns) if t_ns == last_ns => Err(Reject::Stale),
+            Some(last_ns) if t_ns < last_ns => Err(Reject::OutOfOrder),
+            Some(last_ns) if t_ns - last_ns > self.limits.max_gap_ns => Err(Reject::Gap),
+            Some(_) => Ok(()),
         }
-        self.check_figures(&sample)?;
-        self.check_order(&sample.header)?;
-        Ok(sample)
-    }
-
-    fn check_figures(&self, sample: &Sample) -> Result<(), Reject> {
-        let has = |flag| sample.header.flags & flag != 0;
-        if !has(flags::CONTACT_SENSED) && !has(flags::LEG_LENGTH_SENSED) {
-            return Err(Reject::NoContactSense);
-        }
-        let l = &self.limits;
-        let speeds = [-l.max_speed_m_s, l.max_speed_m_s];
-        let figures = [
-            (true, sample.set_point_m_s, speeds),
-            (true, sample.vx_m_s, speeds),
-            (true, sample.vy_m_s, speeds),
-            (true, sample.y_m, l.height_m),
-            (has(flags::LEG_LENGTH_SENSED), sample.leg_length_m, l.leg_length_m),
-            (has(flags::DENSITY_SENSED), sample.density_ratio, l.density_ratio),
-        ];
-        let sensed = figures.iter().filter(|(is_sensed, ..)| *is_sensed);
-        if !sensed.clone().all(|(_, x, _)| x.is_finite()) {
-            return Err(Reject::NonFinite);
-        }
-        if !sensed.clone().all(|(_, x, [low, high])| low <= x && x <= high) {
-            return Err(Reject::OutOfRange);
-        }
-        Ok(())
-    }
-
-    fn check_order(&self, header: &Header) -> Result<(), Reject> {
-        let Some(last) = self.last else { return Ok(()) };
-        if header.run_id != last.run_id {
-            // Run ids only rise; half the range counts as the past, so that they may wrap.
-            let newer = header.run_id.wrapping_sub(last.run_id) < u32::MAX / 2;
-            return if newer { Ok(()) } else { Err(Reject::OldRun) };
-        }
-        if header.seq == last.seq {
-            return Err(Reject::Stale);
-        }
-        if header.seq < last.seq || header.t_ns <= last.t_ns {
-            return Err(Reject::OutOfOrder);
-        }
-        if header.t_ns - last.t_ns > self.limits.max_gap_ns {
-            return Err(Reject::Gap);
-        }
-        Ok(())
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    fn sample(seq: u64) -> Sample {
-        Sample {
-            header: Header {
-                version: WIRE_VERSION,
-                flags: flags::CONTACT_SENSED,
-                run_id: 1,
-                seq,
-                t_ns: seq * 1_000_000,
-            },
-            y_m: 2.0,
-            ..Default::default()
-        }
-    }
-
-    fn running() -> Guard {
-        let mut guard = Guard::new(Limits::default());
-        assert!(matches!(guard.judge(Some(&sample(100))), Verdict::Restart(_)));
-        guard
-    }
-
-    fn rejected_as(change: impl Fn(&mut Sample)) -> &'static str {
-        let mut guard = running();
-        let mut bad = sample(101);
-        change(&mut bad);
-        assert_eq!(guard.judge(Some(&bad)), Verdict::Coast);
-        assert_eq!(guard.counts().rejected(), 1);
-        guard.counts().by_kind().iter().find(|(_, n)| *n == 1).unwrap().0
-    }
-
-    #[test]
-    fn each_kind_of_bad_sample_is_counted_as_what_it_is() {
-        assert_eq!(rejected_as(|s| s.header.version = 9), "version");
-        assert_eq!(rejected_as(|s| s.vx_m_s = f32::NAN), "non-finite");
-        assert_eq!(rejected_as(|s| s.set_point_m_s = f32::INFINITY), "non-finite");
-        assert_eq!(rejected_as(|s| s.y_m = -0.5), "out of range");
-        assert_eq!(rejected_as(|s| s.vy_m_s = 51.0), "out of range");
-        assert_eq!(rejected_as(|s| s.header.flags = 0), "no contact sense");
-        assert_eq!(rejected_as(|s| s.header.run_id = 0), "old run");
-        assert_eq!(rejected_as(|s| s.header.seq = 100), "stale");
-        assert_eq!(rejected_as(|s| s.header.seq = 99), "out of order");
-        assert_eq!(rejected_as(|s| s.header.t_ns = 5), "out of order");
-        assert_eq!(rejected_as(|s| s.header.t_ns += 30_000_000), "gap");
-    }
-
-    #[test]
-    fn what_is_not_sensed_is_not_judged() {
-        let mut guard = running();
-        let unsensed = Sample { leg_length_m: f32::NAN, density_ratio: -7.0, ..sample(101) };
-        assert!(matches!(guard.judge(Some(&unsensed)), Verdict::Use(_)));
-    }
-
-    #[test]
-    fn silence_leads_to_the_safe_command_and_good_samples_back() {
-        let mut guard = running();
-        let limits = Limits::default();
-        for _ in 1..limits.safe_after_ticks {
-            assert_eq!(guard.judge(None), Verdict::Coast);
-        }
-        assert_eq!(guard.judge(None), Verdict::Safe);
-        assert_eq!(guard.counts().missing, limits.safe_after_ticks);
-        assert_eq!(guard.counts().safe_entered, 1);
-        assert_eq!(guard.judge(Some(&sample(900))), Verdict::Safe);
-        assert_eq!(guard.judge(Some(&sample(901))), Verdict::Safe);
-        assert!(matches!(guard.judge(Some(&sample(902))), Verdict::Restart(_)));
-        assert!(matches!(guard.judge(Some(&sample(903))), Verdict::Use(_)));
-    }
-
-    #[test]
-    fn a_corrupt_sequence_number_does_not_lock_out_the_true_ones() {
-        let mut guard = running();
-        let mut far = sample(101);
-        far.header.seq = u64::MAX;
-        assert!(matches!(guard.judge(Some(&far)), Verdict::Use(_)));
-        let after =
-            (102..130).position(|k| matches!(guard.judge(Some(&sample(k))), Verdict::Restart(_)));
-        let limits = Limits::default();
-        let expected = limits.safe_after_ticks + limits.recover_after_ticks - 1;
-        assert_eq!(after, Some(expected as usize));
-    }
-
-    #[test]
-    fn a_new_epoch_restarts_with_counters_at_zero() {
-        let mut guard = running();
-        guard.judge(None);
-        let mut new = sample(0);
-        new.header.run_id = 2;
-        assert!(matches!(guard.judge(Some(&new)), Verdict::Restart(_)));
-        assert_eq!(guard.counts().rejected(), 0);
-    }
-
-    #[test]
-    fn a_new_epoch_after_silence_counts_from_zero_and_must_be_trusted_anew() {
-        let mut guard = running();
-        for _ in 0..20 {
-            guard.judge(None);
-        }
-        let of_run = |run_id, seq| {
-            let mut new = sample(seq);
-            new.header.run_id = run_id;
-            new
-        };
-        assert_eq!(guard.judge(Some(&of_run(2, 0))), Verdict::Safe);
-        assert_eq!(guard.counts().rejected(), 0);
-        assert_eq!(guard.judge(Some(&of_run(2, 1))), Verdict::Safe);
-        assert!(matches!(guard.judge(Some(&of_run(2, 2))), Verdict::Restart(_)));
-        // Now that it runs again, the run before is the past.
-        assert_eq!(guard.judge(Some(&of_run(1, 3))), Verdict::Coast);
-        assert_eq!(guard.counts().old_run, 1);
-    }
-
-    proptest! {
-        #[test]
-        fn what_is_used_is_finite_and_in_range(figures in prop::collection::vec(any::<u32>(), 6),
-            flags in any::<u16>(), seq in any::<u64>(), t_ns in any::<u64>()) {
-            let f = |i: usize| f32::from_bits(figures[i]);
-            let header = Header { version: WIRE_VERSION, flags, run_id: 1, seq, t_ns };
-            let any = Sample { header, set_point_m_s: f(0), vx_m_s: f(1), y_m: f(2), vy_m_s: f(3),
-                leg_length_m: f(4), density_ratio: f(5) };
-            let mut guard = Guard::new(Limits::default());
-            if let Verdict::Restart(t) | Verdict::Use(t) = guard.judge(Some(&any)) {
-                let s = t.sample();
-                prop_assert!(s.vx_m_s.abs() <= 50.0 && s.vy_m_s.abs() <= 50.0);
-                prop_assert!((0.0..=100.0).contains(&s.y_m) && s.set_point_m_s.abs() <= 50.0);
-            }
-        }
-    }
-}
+mod tests;

@@ -1,10 +1,13 @@
 //! The messages between a leg and its controller, on shared memory and on a
 //! serial line alike.
 //!
-//! Only integers and floats: a peer can send any bits, and there must be no
-//! bits that are not a value. Copy a message out, let the guard check it, then
-//! use it. Every struct is `#[repr(C)]` without padding; sizes are asserted.
+//! They hold only integers and floats: a peer can send any bits, and there must be no
+//! bits that are not a value. Copy a message out, let [`crate::wire_controller`] check
+//! it, then use it. Every struct is `#[repr(C)]` without padding; sizes are asserted.
 
+use crate::command::{LegCommand, Output};
+use crate::guard::Counts;
+use crate::measurement::{Contact, Measurement};
 use serde::{Deserialize, Serialize};
 
 /// The version of every message here. Raised when any field changes.
@@ -64,11 +67,70 @@ pub struct Sample {
 }
 
 impl Sample {
-    /// Whether it ends the run: [`flags::END`] and no other flag, so that one bit
-    /// turned over in a sample that has readings does not.
+    /// Returns the message of a measurement and a set-point, m/s: tick `seq` of run `run_id`.
+    #[must_use]
+    pub fn new(run_id: u32, seq: u64, measurement: &Measurement, set_point_m_s: f32) -> Self {
+        let &Measurement { t_ns, vx_m_s, y_m, vy_m_s, contact, density_ratio } = measurement;
+        let (contact_flags, leg_length_m) = match contact {
+            Contact::Sensed(true) => (flags::CONTACT_SENSED | flags::IN_CONTACT, 0.0),
+            Contact::Sensed(false) => (flags::CONTACT_SENSED, 0.0),
+            Contact::LegLength(length_m) => (flags::LEG_LENGTH_SENSED, length_m),
+        };
+        let density_flag = if density_ratio.is_some() { flags::DENSITY_SENSED } else { 0 };
+        Self {
+            header: Header {
+                version: WIRE_VERSION,
+                flags: contact_flags | density_flag,
+                run_id,
+                seq,
+                t_ns,
+            },
+            set_point_m_s,
+            vx_m_s,
+            y_m,
+            vy_m_s,
+            leg_length_m,
+            density_ratio: density_ratio.unwrap_or(0.0),
+        }
+    }
+
+    /// Returns the readings that the flags declare; `None` when neither contact nor leg
+    /// length is among them. A contact reading is taken before a leg length.
+    #[must_use]
+    #[inline]
+    pub fn measurement(&self) -> Option<Measurement> {
+        let contact = if self.has(flags::CONTACT_SENSED) {
+            Contact::Sensed(self.has(flags::IN_CONTACT))
+        } else if self.has(flags::LEG_LENGTH_SENSED) {
+            Contact::LegLength(self.leg_length_m)
+        } else {
+            return None;
+        };
+        Some(Measurement {
+            t_ns: self.header.t_ns,
+            vx_m_s: self.vx_m_s,
+            y_m: self.y_m,
+            vy_m_s: self.vy_m_s,
+            contact,
+            density_ratio: self.has(flags::DENSITY_SENSED).then_some(self.density_ratio),
+        })
+    }
+
+    /// Returns whether the leg senses that its foot is on the ground.
+    #[must_use]
+    pub fn is_in_contact(&self) -> bool {
+        self.has(flags::IN_CONTACT)
+    }
+
+    /// Returns whether this message ends the run: [`flags::END`] and no other flag, so that
+    /// a single flipped bit in a sample with readings does not.
     #[must_use]
     pub fn ends_the_run(&self) -> bool {
         self.header.flags == flags::END
+    }
+
+    fn has(&self, flag: u16) -> bool {
+        self.header.flags & flag != 0
     }
 }
 
@@ -100,8 +162,51 @@ pub struct Command {
     pub apexes: u32,
     /// Telemetry: samples rejected by the guard since the run's start.
     pub rejected: u32,
-    /// Always 0.
-    pub reserved: u32,
+    /// Telemetry: set-points refused by the guard since the run's start.
+    pub set_points_refused: u32,
+}
+
+impl Command {
+    /// Returns the message of what the controller returned for the sample with this header.
+    #[must_use]
+    pub fn new(header: &Header, output: &Output, counts: &Counts) -> Self {
+        let LegCommand { leg_angle_rad, elongation_m, elongation_rate_m_s } = output.command;
+        let telemetry = &output.telemetry;
+        let flags = if output.status.is_safe() { flags::SAFE } else { 0 };
+        Self {
+            header: Header { version: WIRE_VERSION, flags, ..*header },
+            leg_angle_rad,
+            elongation_m,
+            elongation_rate_m_s,
+            apex_vx_m_s: telemetry.apex_vx_m_s,
+            apex_y_m: telemetry.apex_y_m,
+            density_ratio: telemetry.density_ratio.unwrap_or(0.0),
+            velocity_offset_m_s: telemetry.velocity_offset_m_s,
+            apexes: telemetry.apexes,
+            rejected: counts.rejected(),
+            set_points_refused: counts.set_points_refused,
+        }
+    }
+
+    /// Returns the safe command ([`LegCommand::SAFE`]), as the answer to the sample with
+    /// this header: what a leg follows that no controller commands.
+    #[must_use]
+    pub fn safe(header: &Header) -> Self {
+        let LegCommand { leg_angle_rad, elongation_m, elongation_rate_m_s } = LegCommand::SAFE;
+        Self {
+            header: Header { version: WIRE_VERSION, flags: flags::SAFE, ..*header },
+            leg_angle_rad,
+            elongation_m,
+            elongation_rate_m_s,
+            ..Self::default()
+        }
+    }
+
+    /// Returns whether this is the safe command: the guard has taken over.
+    #[must_use]
+    pub fn is_safe(&self) -> bool {
+        self.header.flags & flags::SAFE != 0
+    }
 }
 
 const _: () = assert!(size_of::<Header>() == 24);

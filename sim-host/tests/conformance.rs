@@ -63,7 +63,7 @@ fn answer(sample: &Sample) -> Command {
         velocity_offset_m_s: -0.0,
         apexes: u32::MAX,
         rejected: 1,
-        reserved: 0,
+        set_points_refused: 0,
     }
 }
 

@@ -13,8 +13,9 @@ use std::thread;
 use std::time::Duration;
 
 use allocation_counter::{AllocationInfo, measure};
-use leg_control::control::{Config, Controller};
+use leg_control::config::Config;
 use leg_control::wire::{Command, Sample};
+use leg_control::wire_controller::WireController;
 use leg_host::realtime::{
     ControllerTask, Counters, Ends, Grid, Law, Log, Monotonic, Plain, Task, clock::SPIN, drive,
 };
@@ -107,7 +108,7 @@ fn play<L: LegLink, C: ControllerLink>(
             let config = Config::at_rate(RATE_HZ).expect("a rate");
             let warm = Warm { wasteful, ..Warm::default() };
             let stop = warm.stop.clone();
-            let plain = Plain { controller: Controller::new(policy, config), config };
+            let plain = Plain { controller: WireController::new(policy, config), config };
             let law = WarmLaw(warm, plain);
             let mut task = ControllerTask::new(end, law, RATE_HZ, Ends::AtFarewell);
             let (info, _) = measured(&mut task, Role::Controller, &stop);

@@ -2,9 +2,10 @@
 //! actor does on the apex map, ever more closely as the rate grows.
 
 use leg_control::actor::Observation;
-use leg_control::control::{Config, Controller};
+use leg_control::config::Config;
 use leg_control::policy::{Policy, SHIPPED};
 use leg_control::wire::{Command, Header, Sample, WIRE_VERSION, flags};
+use leg_control::wire_controller::WireController;
 use leg_plant::{
     Action, Apex, Body, EventKind, Flat, Hopper, Leg, LegCommand, Medium, Phase, TickPlant,
 };
@@ -67,7 +68,7 @@ impl Play {
     /// m/s; infinite where one of the two falls and the other does not.
     fn differences(&self, policy: &Policy<'_>, start: Apex) -> Vec<f64> {
         let config = Config::at_rate(self.rate_hz).unwrap();
-        let mut controller = Controller::new(policy.clone(), config);
+        let mut controller = WireController::new(policy.clone(), config);
         let body = Body { x_m: 0.0, vx_m_s: start.vx_m_s, y_m: start.y_m, vy_m_s: 0.0 };
         let mut plant = TickPlant::new(Leg::human(), body);
         let mut apex = start;

@@ -8,7 +8,7 @@ use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use crate::board::{Board, Selected};
-use leg_control::control::safe_command;
+
 use leg_control::serial::frame::{self, MAX_FRAME};
 use leg_control::serial::message::{Alarm, Crash, ToHost};
 use leg_control::wire::{Command, Header};
@@ -37,7 +37,7 @@ fn break_off(crash: Crash, status: u8) -> ! {
     let [turn, run_id, seq, seq_high, t_ns, t_ns_high] =
         LAST.each_ref().map(|word| word.load(Ordering::Relaxed));
     let whole = |high, low| u64::from(high) << 32 | u64::from(low);
-    let command = safe_command(&Header {
+    let command = Command::safe(&Header {
         run_id,
         seq: whole(seq_high, seq),
         t_ns: whole(t_ns_high, t_ns),

@@ -25,7 +25,7 @@ use super::serial::commands;
 use super::serve::ServeError;
 use super::shelf::ShelfError;
 use super::shm::ConnectError;
-use leg_control::control::ConfigError;
+use leg_control::config::ConfigError;
 use leg_control::guard::Counts;
 use leg_control::policy::Manifest;
 use leg_process::policy_file::PolicyFileError;

@@ -16,7 +16,7 @@ use super::desk::requests::{
 use super::operated::{Board, ORDERS, Operated, Order, Taken};
 use super::realtime::Shared;
 use super::shelf::{self, Shelved};
-use leg_control::control::Config;
+use leg_control::config::Config;
 use leg_process::policy_file::PolicyFile;
 
 /// Swaps that are remembered.

@@ -14,9 +14,10 @@ use rtrb::{Consumer, Producer};
 use super::desk::requests::{Moment, Rejected};
 use super::realtime::Law;
 use super::shelf::Shelved;
-use leg_control::control::{Config, Controller};
+use leg_control::config::Config;
 use leg_control::guard::Counts;
-use leg_control::wire::{Command, Sample, flags};
+use leg_control::wire::{Command, Sample};
+use leg_control::wire_controller::WireController;
 
 /// Orders that may wait for the loop's next tick.
 pub(super) const ORDERS: usize = 16;
@@ -105,7 +106,7 @@ fn load(number: &AtomicU32) -> u32 {
 /// The loop's own: a controller that takes orders. Call it once a tick.
 #[derive(Debug)]
 pub struct Operated {
-    controller: Controller<'static>,
+    controller: WireController<'static>,
     config: Config,
     orders: Consumer<Order>,
     taken: Producer<Taken>,
@@ -130,7 +131,7 @@ impl Operated {
         board.since_ns.store(now_ns(), Ordering::Relaxed);
         board.is_safe.store(true, Ordering::Relaxed);
         Self {
-            controller: Controller::new(policy.policy().clone(), config),
+            controller: WireController::new(policy.policy().clone(), config),
             config,
             orders,
             taken,
@@ -151,7 +152,7 @@ impl Operated {
         if let Some(sample) = sample {
             self.note(sample);
         }
-        self.board.is_safe.store(command.header.flags & flags::SAFE != 0, Ordering::Relaxed);
+        self.board.is_safe.store(command.is_safe(), Ordering::Relaxed);
         self.board.apexes.store(command.apexes, Ordering::Relaxed);
         self.note_policy(sample);
         self.note_counts();
@@ -178,7 +179,7 @@ impl Operated {
 
     /// What it runs, and what the guard says.
     #[must_use]
-    pub fn controller(&self) -> &Controller<'static> {
+    pub fn controller(&self) -> &WireController<'static> {
         &self.controller
     }
 

@@ -6,7 +6,7 @@ use super::message::{
 };
 use super::pilot::{Pilot, SetPointFault, SharedPilot, Terms};
 use super::slots::{self, FlashFault, PolicyFlash};
-use crate::control::{ConfigError, RATE_HZ};
+use crate::config::{ConfigError, RATE_HZ};
 use crate::wire::WIRE_VERSION;
 
 /// What only the board knows, for [`Statistics`]; since power-up.
@@ -130,7 +130,8 @@ impl<F: PolicyFlash> Desk<F> {
                     ConfigError::Rate(_) => {
                         Refusal::Rate { least: *RATE_HZ.start(), most: *RATE_HZ.end() }
                     }
-                    ConfigError::Gravity(_) => Refusal::Gravity,
+                    // The limits are the usual ones: they cannot be at fault.
+                    ConfigError::Gravity(_) | ConfigError::Limits => Refusal::Gravity,
                 })
             }
             Request::SetMode(mode) => {

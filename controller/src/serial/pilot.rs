@@ -1,10 +1,10 @@
 //! The control law once a tick, whatever a tick is.
 
 use super::message::{Mode, PolicyReport, Slot, cut};
-use crate::control::{Config, ConfigError, Controller, safe_command};
-use crate::guard::Limits;
+use crate::config::{Config, ConfigError};
 use crate::policy::Policy;
 use crate::wire::{Command, Sample};
+use crate::wire_controller::WireController;
 
 /// Ticks a second before the first reset, Hz.
 const USUAL_RATE_HZ: u32 = 1_000;
@@ -57,7 +57,7 @@ pub struct SetPointFault {
 /// A policy at work, and the slots of it and of the one to come.
 #[derive(Clone, Debug)]
 struct Running<'a> {
-    controller: Controller<'a>,
+    controller: WireController<'a>,
     slot: Slot,
     next: Option<Slot>,
 }
@@ -88,14 +88,9 @@ impl<'a> Pilot<'a> {
     /// Idle, without a policy, at 1 kHz on Earth.
     #[must_use]
     pub fn new() -> Self {
-        let limits = Limits::default();
         Self {
             running: None,
-            config: Config {
-                tick_ns: 1_000_000_000 / u64::from(USUAL_RATE_HZ),
-                gravity_m_s2: USUAL_GRAVITY_M_S2,
-                limits,
-            },
+            config: Config::default(),
             terms: Terms { rate_hz: USUAL_RATE_HZ, gravity_m_s2: USUAL_GRAVITY_M_S2 },
             session: None,
             mode: Mode::Idle,
@@ -115,7 +110,7 @@ impl<'a> Pilot<'a> {
             running.next = Some(slot);
             running.controller.swap(policy);
         } else {
-            let controller = Controller::new(policy, self.config);
+            let controller = WireController::new(policy, self.config);
             self.running = Some(Running { controller, slot, next: Some(slot) });
         }
         self.note_swap();
@@ -155,7 +150,7 @@ impl<'a> Pilot<'a> {
     /// # Errors
     /// [`SetPointFault`] when it is not finite or beyond the guard's limit.
     pub fn set_point(&mut self, set_point_m_s: Option<f32>) -> Result<(), SetPointFault> {
-        let most_m_s = self.config.limits.max_speed_m_s;
+        let most_m_s = self.config.limits().max_speed_m_s;
         // A NaN is within nothing.
         if set_point_m_s.is_none_or(|v| (-most_m_s..=most_m_s).contains(&v)) {
             self.set_point_m_s = set_point_m_s;
@@ -176,7 +171,7 @@ impl<'a> Pilot<'a> {
         }
         match self.mode {
             Mode::Idle => {
-                let command = safe_command(&sample.header);
+                let command = Command::safe(&sample.header);
                 self.answered = Some((turn, command));
                 Some(command)
             }
@@ -207,7 +202,7 @@ impl<'a> Pilot<'a> {
         increment(&mut self.counts.ticks);
         let command = match &mut self.running {
             Some(running) => running.controller.tick(None),
-            None => safe_command(&last.header),
+            None => Command::safe(&last.header),
         };
         self.note_swap();
         self.answered = Some((turn, command));
@@ -221,9 +216,9 @@ impl<'a> Pilot<'a> {
         let command = match &mut self.running {
             Some(running) => {
                 let set_point_m_s = self.set_point_m_s.unwrap_or(sample.set_point_m_s);
-                running.controller.tick(Some(&Sample { set_point_m_s, ..*sample }))
+                running.controller.tick_at(Some(sample), Some(set_point_m_s))
             }
-            None => safe_command(&sample.header),
+            None => Command::safe(&sample.header),
         };
         self.note_swap();
         self.answered = Some((turn, command));

@@ -13,7 +13,8 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use leg_control::control::{Config, Controller};
+use leg_control::config::Config;
+use leg_control::wire_controller::WireController;
 use leg_host::Domain;
 use leg_host::serve::serve;
 use leg_host::shm::{ShmController, ShmLeg};
@@ -113,7 +114,7 @@ pub fn echo(domain: &Arc<Domain>, size: Size) -> anyhow::Result<()> {
     let scenario = Scenario::shore();
     let blob = PolicyFile::load(None)?;
     let config = Config::at_rate(scenario.rate_hz)?;
-    let mut controller = Controller::new(blob.policy()?, config);
+    let mut controller = WireController::new(blob.policy()?, config);
 
     let mut atomics = atomics::Answerer::open(domain, TIMEOUT)?;
     let mut bare = bare::Answerer::open(domain)?;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use leg_control::control::Config;
+use leg_control::config::Config;
 use leg_host::cli::Meeting;
 use leg_host::domain::DomainError;
 use leg_host::serial::stream::EndpointArgs;

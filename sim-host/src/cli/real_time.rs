@@ -3,7 +3,7 @@
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-use leg_control::control::Controller;
+use leg_control::wire_controller::WireController;
 use leg_host::realtime::cli::{RealTimeArgs, parse_cpu};
 use leg_host::realtime::drive::Options as LoopOptions;
 use leg_host::realtime::{self, Ends, LoopReport, Plain, Shared};
@@ -128,7 +128,7 @@ fn in_process(
     let (mut link, controllers_end) = memory::pair();
     let (played, served) = std::thread::scope(|scope| {
         let serving = scope.spawn(|| {
-            let mut law = Plain { controller: Controller::new(policy, config), config };
+            let mut law = Plain { controller: WireController::new(policy, config), config };
             realtime::serve(controllers_end, &mut law, Ends::AtFarewell, &options, stop, || ())
         });
         let (leg, of_loop) = (

@@ -4,7 +4,8 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use leg_control::control::{Config, Controller};
+use leg_control::config::Config;
+use leg_control::wire_controller::WireController;
 use leg_control::policy::Policy;
 use leg_control::wire::Sample;
 use leg_host::cli::{Meeting as MeetingArgs, SAY_AFTER, other_leg};
@@ -151,7 +152,7 @@ fn in_process(
     let policy = blob.policy().map_err(misuse)?;
     warn_of_other_leg(&policy, scenario);
     recording.policy(blob.as_slice(), &policy);
-    let mut controller = Controller::new(policy, controller_config(scenario)?);
+    let mut controller = WireController::new(policy, controller_config(scenario)?);
     let law = |sample: Option<&Sample>| controller.tick(sample);
     Ok(stepped::run(scenario, law, Options::default(), |tick| recording.push(tick))?)
 }

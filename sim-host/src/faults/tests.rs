@@ -1,5 +1,6 @@
-use leg_control::control::{Config, Controller};
+use leg_control::config::Config;
 use leg_control::policy::{Policy, SHIPPED};
+use leg_control::wire_controller::WireController;
 use leg_host::memory::Inline;
 
 use super::*;
@@ -23,10 +24,10 @@ fn refusal(fault: &str) -> String {
     refused.to_string()
 }
 
-fn with_policy<R>(play: impl FnOnce(Controller<'_>) -> R) -> R {
+fn with_policy<R>(play: impl FnOnce(WireController<'_>) -> R) -> R {
     let blob: leg_process::policy_file::AlignedBytes = SHIPPED.into();
     let policy = Policy::parse(blob.as_slice()).unwrap();
-    play(Controller::new(policy, Config::at_rate(1000).unwrap()))
+    play(WireController::new(policy, Config::at_rate(1000).unwrap()))
 }
 
 fn play(scenario: &Scenario) -> Outcome {

@@ -4,7 +4,6 @@
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
-use leg_control::wire::flags;
 use leg_process::Stop;
 
 use crate::session::leg::{Leg, TickRecord};
@@ -78,7 +77,7 @@ impl Board {
         shown.density_bits.store(tick.medium.density_ratio().to_bits(), Relaxed);
         shown.rejected.store(tick.command.rejected, Relaxed);
         count(&shown.ticks, 1);
-        count(&shown.safe_ticks, (tick.command.header.flags & flags::SAFE != 0).into());
+        count(&shown.safe_ticks, (tick.command.is_safe()).into());
         count(&shown.held_ticks, (!tick.is_new).into());
         for event in tick.events.iter() {
             match event.kind {

@@ -143,7 +143,7 @@ impl Command {
             velocity_offset_m_s: command.velocity_offset_m_s,
             apexes: command.apexes,
             rejected: command.rejected,
-            reserved: command.reserved,
+            set_points_refused: command.set_points_refused,
             tick,
             is_new,
             round_trip_ns,
@@ -164,7 +164,7 @@ impl From<&Command> for wire::Command {
             velocity_offset_m_s: c.velocity_offset_m_s,
             apexes: c.apexes,
             rejected: c.rejected,
-            reserved: c.reserved,
+            set_points_refused: c.set_points_refused,
         }
     }
 }
@@ -206,7 +206,7 @@ mod tests {
             velocity_offset_m_s: 12.5,
             apexes: 13,
             rejected: 14,
-            reserved: 15,
+            set_points_refused: 15,
         };
         let recorded = Command::in_force(9, &command, false, 0);
         let decoded = Command::decode(&*recorded.encode_to_vec()).unwrap();

@@ -98,7 +98,7 @@ fn fields(command: &Command) -> [(&'static str, Field); 15] {
         velocity_offset_m_s,
         apexes,
         rejected,
-        reserved,
+        set_points_refused,
     } = *command;
     [
         ("version", U32(version.into())),
@@ -115,7 +115,7 @@ fn fields(command: &Command) -> [(&'static str, Field); 15] {
         ("velocity_offset_m_s", F32(velocity_offset_m_s)),
         ("apexes", U32(apexes)),
         ("rejected", U32(rejected)),
-        ("reserved", U32(reserved)),
+        ("set_points_refused", U32(set_points_refused)),
     ]
 }
 

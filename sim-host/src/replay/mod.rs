@@ -13,7 +13,8 @@ mod twin;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
-use leg_control::control::{Config as Law, ConfigError, Controller};
+use leg_control::config::{Config as Law, ConfigError};
+use leg_control::wire_controller::WireController;
 use leg_control::policy::{ParseError, Policy};
 use leg_control::wire::Command;
 use leg_process::policy_file::{AlignedBytes, PolicyFile, PolicyFileError};
@@ -91,7 +92,7 @@ pub fn replay(path: &Path, other: Option<&PolicyFile>) -> Result<Report, ReplayE
         return Err(ReplayError::NoPolicy(path.to_owned()));
     };
     let mut report = Report::new(path, &summary, first.manifest().name, other.is_some());
-    let mut twin = Twin::new(Controller::new(first, law), swaps);
+    let mut twin = Twin::new(WireController::new(first, law), swaps);
     let mut source = Source::open(path)?;
     while let Some(answer) = source.next_answer()? {
         if let Some(why) = &answer.gap {

@@ -10,7 +10,7 @@
 
 use std::collections::VecDeque;
 
-use leg_control::control::Controller;
+use leg_control::wire_controller::WireController;
 use leg_control::policy::Policy;
 use leg_control::wire::{Command, Sample};
 
@@ -50,16 +50,16 @@ pub(super) enum Parted {
 
 /// A controller that sees what the recorded one saw.
 pub(super) struct Twin<'a> {
-    fresh: Controller<'a>,
+    fresh: WireController<'a>,
     /// What it may be by now, the likeliest first.
-    now: Vec<Controller<'a>>,
+    now: Vec<WireController<'a>>,
     swaps: VecDeque<Swap<'a>>,
     /// Whether some of what it may be was left out.
     is_pruned: bool,
 }
 
 impl<'a> Twin<'a> {
-    pub(super) fn new(fresh: Controller<'a>, swaps: VecDeque<Swap<'a>>) -> Self {
+    pub(super) fn new(fresh: WireController<'a>, swaps: VecDeque<Swap<'a>>) -> Self {
         Self { now: vec![fresh.clone()], fresh, swaps, is_pruned: false }
     }
 
@@ -122,11 +122,11 @@ impl<'a> Twin<'a> {
 /// The controller after it has seen these samples and then the answered
 /// one, with as many ticks without any, before it or after, as its count wants.
 fn attempt<'a>(
-    controller: &Controller<'a>,
+    controller: &WireController<'a>,
     seen: &[&Sample],
     answer: &Answer,
     recorded: &Command,
-) -> Result<Controller<'a>, Difference> {
+) -> Result<WireController<'a>, Difference> {
     let play = |before: u32, after: u32| {
         let mut controller = controller.clone();
         for sample in seen {

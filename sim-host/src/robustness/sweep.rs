@@ -4,8 +4,9 @@ use std::time::Duration;
 
 use crate::faults::stage::Stepped;
 use clap::ValueEnum;
-use leg_control::control::{Config, ConfigError, Controller};
+use leg_control::config::{Config, ConfigError};
 use leg_control::policy::Policy;
+use leg_control::wire_controller::WireController;
 use leg_host::Link;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -159,7 +160,7 @@ fn scenario(axis: &Axis, level: f64, media: Media, seed: u64) -> Result<Scenario
 }
 
 /// Apexes of a run until it falls, at most [`HOPS`].
-fn apexes(scenario: &Scenario, mut controller: Controller<'_>) -> u32 {
+fn apexes(scenario: &Scenario, mut controller: WireController<'_>) -> u32 {
     let law = |sample: Option<&_>| controller.tick(sample);
     let mut link = Stepped::new(law, scenario.faults.plan());
     let mut leg = Leg::new(scenario, 1);
@@ -203,7 +204,7 @@ pub fn sweep(policy: &Policy<'_>, size: &Size) -> Result<Report, ConfigError> {
                 .expect("the axes and the starts are tested");
             let config = Config::at_rate(scenario.rate_hz)?
                 .with_gravity(scenario.controller_gravity_m_s2())?;
-            Ok(apexes(&scenario, Controller::new(policy.clone(), config)))
+            Ok(apexes(&scenario, WireController::new(policy.clone(), config)))
         })
         .collect::<Result<_, ConfigError>>()?;
 

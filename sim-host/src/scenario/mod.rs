@@ -11,7 +11,7 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use leg_control::control::RATE_HZ;
+use leg_control::config::RATE_HZ;
 use leg_control::guard::Limits;
 use leg_control::leg::LegModel;
 use leg_host::Terms;

@@ -1,6 +1,6 @@
 //! The command in force at the leg, also when the next one is late.
 
-use leg_control::control::safe_command;
+
 use leg_control::wire::{Command, Header, WIRE_VERSION};
 
 use leg_plant::LegCommand;
@@ -76,7 +76,7 @@ impl Held {
 
     /// The command in force, as it came, or the leg's own safe one.
     pub(super) fn in_force(&self, now: &Header) -> Command {
-        self.current().copied().unwrap_or_else(|| safe_command(now))
+        self.current().copied().unwrap_or_else(|| Command::safe(now))
     }
 
     /// The same as the plant follows it from this tick on: its ramp counts from
@@ -115,7 +115,7 @@ mod tests {
     #[test]
     fn a_late_command_stays_in_force_and_its_ramp_goes_on() {
         let mut held = Held::default();
-        assert_eq!(held.in_force(&at(0)), safe_command(&at(0)), "before the first");
+        assert_eq!(held.in_force(&at(0)), Command::safe(&at(0)), "before the first");
         assert!(held.take(&at(0), Some(command(0))));
         assert_eq!(held.acting(&at(0)).elongation_m, f64::from(-0.001_f32));
         assert!(!held.take(&at(1), None));
@@ -136,7 +136,7 @@ mod tests {
         }
         for seq in limit..limit + 5 {
             held.take(&at(seq), None);
-            assert_eq!(held.in_force(&at(seq)), safe_command(&at(seq)));
+            assert_eq!(held.in_force(&at(seq)), Command::safe(&at(seq)));
         }
         assert_eq!((held.silences, held.ticks), (1, limit + 4));
         assert!(held.take(&at(20), Some(command(19))), "a tick late, but of this run");

@@ -207,7 +207,7 @@ impl<'a> Leg<'a> {
         let after = self.plant.body();
         self.hash.body(&body);
         self.hash.command(&command);
-        self.safe_ticks += u64::from(command.header.flags & flags::SAFE != 0);
+        self.safe_ticks += u64::from(command.is_safe());
         if is_new {
             self.rejected = command.rejected;
         }

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::f64::consts::FRAC_PI_2;
 use std::time::{Duration, Instant};
 
-use leg_control::wire::{Command, Sample, flags};
+use leg_control::wire::{Command, Sample};
 use leg_host::desk::requests;
 use leg_host::shm::Players;
 
@@ -167,7 +167,7 @@ impl Scene {
         let length_m = f64::from(sample.leg_length_m);
         let angle_rad = self.command.map_or(FRAC_PI_2, |command| command.leg_angle_rad.into());
         let mass = (self.x_m, y_m);
-        let foot = if sample.header.flags & flags::IN_CONTACT != 0 {
+        let foot = if sample.is_in_contact() {
             // On the ground; on which side, the angle tells.
             let reach_m = (length_m * length_m - y_m * y_m).max(0.0).sqrt();
             (self.x_m - reach_m.copysign(angle_rad.cos()), 0.0)
@@ -197,7 +197,7 @@ mod tests {
     use super::*;
 
     fn sample(run_id: u32, t_ms: u64, contact: bool) -> Sample {
-        let flags = if contact { flags::IN_CONTACT } else { 0 };
+        let flags = if contact { leg_control::wire::flags::IN_CONTACT } else { 0 };
         let t_ns = 1_000_000 * t_ms;
         let header = Header { run_id, flags, seq: t_ms, t_ns, ..Header::default() };
         Sample { header, vx_m_s: 2.0, y_m: 0.8, leg_length_m: 1.0, ..Sample::default() }

@@ -9,8 +9,6 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::canvas::{Canvas, Circle, Context, Line as Stroke, Points};
 use ratatui::widgets::{Axis, Block, Chart, Dataset, Gauge, GraphType, Paragraph};
 
-use leg_control::wire::flags;
-
 use super::keys::HELP;
 use super::scene::Scene;
 
@@ -77,7 +75,7 @@ fn headline(scene: &Scene) -> Line<'_> {
 }
 
 fn is_safe(scene: &Scene) -> bool {
-    scene.command.is_some_and(|command| command.header.flags & flags::SAFE != 0)
+    scene.command.is_some_and(|command| command.is_safe())
 }
 
 /// The colour of the medium: black air, blue water.

@@ -4,9 +4,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use leg_control::control::{Config as Law, Controller};
+use leg_control::config::Config as Law;
 use leg_control::policy::{Policy, SHIPPED};
 use leg_control::wire::{Command, Sample};
+use leg_control::wire_controller::WireController;
 use leg_host::Pace;
 use leg_host::memory::Inline;
 use leg_process::policy_file::AlignedBytes;
@@ -90,8 +91,8 @@ fn given(blob: &[u8], seq: u64) -> PolicyMessage {
     PolicyMessage::of(blob, &Policy::parse(blob).unwrap(), 1, seq)
 }
 
-fn shipped_controller() -> Controller<'static> {
-    Controller::new(Policy::parse(SHIPPED).unwrap(), Law::at_rate(1000).unwrap())
+fn shipped_controller() -> WireController<'static> {
+    WireController::new(Policy::parse(SHIPPED).unwrap(), Law::at_rate(1000).unwrap())
 }
 
 #[test]

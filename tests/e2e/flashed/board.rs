@@ -133,7 +133,7 @@ pub(crate) fn bits(command: &Command) -> ([u64; 5], [u32; 10]) {
             command.velocity_offset_m_s.to_bits(),
             command.apexes,
             command.rejected,
-            command.reserved,
+            command.set_points_refused,
         ],
     )
 }

@@ -4,10 +4,11 @@
 
 use std::time::Duration;
 
-use leg_control::control::{Config, Controller};
+use leg_control::config::Config;
 use leg_control::policy::{Policy, SHIPPED};
 use leg_control::serial::message::{Mode, Request};
 use leg_control::wire::{Command, Sample};
+use leg_control::wire_controller::WireController;
 use leg_host::serial::upload::upload;
 use leg_host::{Link, LinkError};
 use rand::RngExt;
@@ -22,7 +23,7 @@ use crate::senses::BadSenses;
 /// A leg's link to both: a controller in this process, and the flashed one.
 struct Twins<'f> {
     flashed: &'f mut Flashed,
-    host: Controller<'static>,
+    host: WireController<'static>,
     policies: [&'static [u8]; 2],
     /// Which of them was uploaded last.
     current: usize,
@@ -57,7 +58,7 @@ impl<'f> Twins<'f> {
         flashed.reset(Mode::LockStep);
         Self {
             flashed,
-            host: Controller::new(policy(SHIPPED), config()),
+            host: WireController::new(policy(SHIPPED), config()),
             policies: [SHIPPED, sibling()],
             current: 0,
             set_point_m_s: None,
@@ -95,7 +96,7 @@ impl<'f> Twins<'f> {
 
     fn reset(&mut self) {
         self.flashed.reset(Mode::LockStep);
-        self.host = Controller::new(policy(self.policies[self.current]), config());
+        self.host = WireController::new(policy(self.policies[self.current]), config());
         self.set_point_m_s = None;
         self.did.resets += 1;
     }

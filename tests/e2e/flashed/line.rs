@@ -3,10 +3,11 @@
 
 use std::time::Duration;
 
-use leg_control::control::{Config, Controller};
+use leg_control::config::Config;
 use leg_control::policy::{Policy, SHIPPED};
 use leg_control::serial::message::Mode;
 use leg_control::wire::{Command, Sample};
+use leg_control::wire_controller::WireController;
 use leg_host::memory::Inline;
 use leg_host::serial::Noisy;
 use leg_host::{Link, LinkError};
@@ -45,7 +46,7 @@ fn water(ticks: u64) -> Scenario {
 /// Hash of the run with a controller in this process.
 fn hash_here(scenario: &Scenario) -> u64 {
     let config = Config::at_rate(RATE_HZ).unwrap().with_gravity(GRAVITY_M_S2).unwrap();
-    let mut controller = Controller::new(Policy::parse(SHIPPED).unwrap(), config);
+    let mut controller = WireController::new(Policy::parse(SHIPPED).unwrap(), config);
     let mut link = Inline::new(|sample| controller.tick(Some(sample)));
     lock_step::run(scenario, &mut link, Options::default(), |_| ()).unwrap().state_hash
 }

@@ -34,7 +34,7 @@ fn the_timer_ticks_whether_samples_come_or_not_and_counts_what_it_missed() {
         while let Some(left) = until.checked_duration_since(Instant::now()) {
             if let Heard::Command { command, .. } = flashed.client.listen(left).unwrap() {
                 commands += 1;
-                safe += u32::from(command.header.flags & flags::SAFE != 0);
+                safe += u32::from(command.is_safe());
             }
         }
     };

@@ -7,7 +7,8 @@
 mod image;
 
 use leg_control::actor::{Action, Actor, Observation};
-use leg_control::control::{Config, Controller};
+use leg_control::config::Config;
+use leg_control::wire_controller::WireController;
 use leg_control::policy::{ParseError, Policy, SHIPPED};
 use leg_control::wire::{Command, Header, Sample, WIRE_VERSION, flags};
 use core::hint::black_box;
@@ -41,17 +42,17 @@ fn measured_inference_without_tanh_portable(actor: &Actor<'_>, input: [f32; 3]) 
 // Functions that are alike would be merged into one: these differ in their arguments.
 
 #[inline(never)]
-fn measured_tick_in_flight(controller: &mut Controller<'_>, sample: &Sample) -> Command {
+fn measured_tick_in_flight(controller: &mut WireController<'_>, sample: &Sample) -> Command {
     controller.tick(Some(sample))
 }
 
 #[inline(never)]
-fn measured_tick_in_stance(sample: &Sample, controller: &mut Controller<'_>) -> Command {
+fn measured_tick_in_stance(sample: &Sample, controller: &mut WireController<'_>) -> Command {
     controller.tick(Some(sample))
 }
 
 #[inline(never)]
-fn measured_tick_at_apex(sample: Option<&Sample>, controller: &mut Controller<'_>) -> Command {
+fn measured_tick_at_apex(sample: Option<&Sample>, controller: &mut WireController<'_>) -> Command {
     controller.tick(sample)
 }
 
@@ -74,7 +75,7 @@ fn main() -> ! {
 /// it has passed an apex and bounced anew.
 fn hop(policy: &Policy<'static>) {
     let Ok(config) = Config::at_rate(1_000) else { semihosting::process::exit(NO_SUCH_TICK) };
-    let mut controller = Controller::new(policy.clone(), config);
+    let mut controller = WireController::new(policy.clone(), config);
     let mut apexes = 0;
     let (mut y_m, mut vy_m_s) = (1.3_f32, 0.0_f32);
     for seq in 0..1_200 {

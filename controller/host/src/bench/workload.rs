@@ -4,9 +4,10 @@
 use std::hint::black_box;
 
 use leg_control::actor::{Actor, Observation};
-use leg_control::control::{Config, Controller};
+use leg_control::config::Config;
 use leg_control::policy::Policy;
 use leg_control::wire::{Header, Sample, WIRE_VERSION, flags};
+use leg_control::wire_controller::WireController;
 
 /// The kinds of work that are told apart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,7 +39,7 @@ impl Kind {
 /// A controller just before a tick of some kind, and the tick's sample.
 #[derive(Clone)]
 pub(super) struct Moment<'a> {
-    controller: Controller<'a>,
+    controller: WireController<'a>,
     sample: Sample,
 }
 
@@ -71,7 +72,7 @@ impl<'a> Ticks<'a> {
         const TICK_S: f32 = 1e-3;
         const TICKS: u64 = 3_000;
         let config = Config::at_rate(1_000).expect("a usual rate");
-        let mut controller = Controller::new(policy.clone(), config);
+        let mut controller = WireController::new(policy.clone(), config);
         let mut ticks = Self { flight: Vec::new(), stance: Vec::new(), apex: Vec::new() };
         let mut apexes = 0;
         let (mut y_m, mut vy_m_s) = (1.3_f32, 0.0_f32);

@@ -13,7 +13,7 @@ use crate::serve::{ServeError, serve_patiently};
 use crate::shelf;
 use crate::shm::{ConnectError, ShmController};
 use crate::{Domain, Terms};
-use leg_control::control::Config;
+use leg_control::config::Config;
 use leg_process::Stop;
 use leg_process::policy_file::PolicyFile;
 

@@ -36,7 +36,7 @@ fn hopping(run_id: u32, seq: u64) -> Sample {
 }
 
 fn is_safe(command: &Command) -> bool {
-    command.header.flags & flags::SAFE != 0
+    command.is_safe()
 }
 
 #[test]

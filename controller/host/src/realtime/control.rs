@@ -9,8 +9,9 @@ use super::drive::{Done, Task};
 use super::grid::Grid;
 use super::pacer::Tick;
 use super::row::Word;
-use leg_control::control::{Config, Controller};
-use leg_control::wire::{Command, Header, Sample, flags};
+use leg_control::config::Config;
+use leg_control::wire::{Command, Header, Sample};
+use leg_control::wire_controller::WireController;
 
 /// Samples over which an age's zero is sought; then it is sought anew.
 const WINDOW: u32 = 256;
@@ -37,7 +38,7 @@ impl<W: Law> Law for &mut W {
 #[derive(Debug)]
 pub struct Plain<'a> {
     /// The controller.
-    pub controller: Controller<'a>,
+    pub controller: WireController<'a>,
     /// What it restarts under after a run.
     pub config: Config,
 }
@@ -134,7 +135,7 @@ impl<L: ControllerLink, W: Law> Task for ControllerTask<L, W> {
         self.last = command;
         Ok(Done {
             word: if sample.is_some() { Word::New } else { Word::Stale },
-            safe: command.header.flags & flags::SAFE != 0,
+            safe: command.is_safe(),
             run_id: command.header.run_id,
             seq: command.header.seq,
             sample_age_ns: age_ns,

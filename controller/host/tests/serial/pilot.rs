@@ -1,11 +1,12 @@
 //! The pilot in its three modes.
 
 use crate::rig::{HOP_TICKS, Rig, factory, hopping, is_safe, small_blob};
-use leg_control::control::{Config, Controller};
+use leg_control::config::Config;
 use leg_control::policy::Policy;
 use leg_control::serial::message::{Mode, Request};
 use leg_control::serial::pilot::{Pilot, SharedPilot};
 use leg_control::wire::{Command, Header, WIRE_VERSION, flags};
+use leg_control::wire_controller::WireController;
 use leg_host::flash::MemoryFlash;
 
 fn rig(mode: Mode) -> Rig<MemoryFlash> {
@@ -31,11 +32,11 @@ fn bits(command: &Command) -> [u32; 10] {
     ]
 }
 
-fn bare_controller(blob: &[u8]) -> Controller<'static> {
+fn bare_controller(blob: &[u8]) -> WireController<'static> {
     let words: Vec<u32> =
         blob.chunks(4).map(|b| u32::from_le_bytes(b.try_into().unwrap())).collect();
     let policy = Policy::parse(bytemuck::cast_slice(Vec::leak(words))).unwrap();
-    Controller::new(policy, Config::at_rate(1_000).unwrap())
+    WireController::new(policy, Config::at_rate(1_000).unwrap())
 }
 
 #[test]

@@ -64,7 +64,7 @@ pub(super) fn hopping(tick: u64) -> Sample {
 }
 
 pub(super) fn is_safe(command: &Command) -> bool {
-    command.header.flags & flags::SAFE != 0
+    command.is_safe()
 }
 
 /// A powered board.

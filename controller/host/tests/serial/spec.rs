@@ -187,7 +187,7 @@ fn command() -> Command {
         velocity_offset_m_s: 7.25,
         apexes: 0xf0f0_f0f0,
         rejected: 0xf1f1_f1f1,
-        reserved: 0xf2f2_f2f2,
+        set_points_refused: 0xf2f2_f2f2,
     }
 }
 

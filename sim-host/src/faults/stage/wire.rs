@@ -79,7 +79,7 @@ impl OnTheWire for Command {
             &mut self.density_ratio,
             &mut self.velocity_offset_m_s,
         ];
-        let counts = [&mut self.apexes, &mut self.rejected, &mut self.reserved];
+        let counts = [&mut self.apexes, &mut self.rejected, &mut self.set_points_refused];
         let (word, bit) = (bit as usize / 32, bit % 32);
         let after = word.checked_sub(figures.len());
         if let Some(figure) = figures.into_iter().nth(word) {

@@ -55,7 +55,7 @@ fn the_observer_sees_every_tick_and_every_event() {
         assert_eq!(tick.body, last, "each tick begins where the last one ended");
         assert_eq!(tick.sample.y_m, tick.body.y_m as f32);
         assert_eq!(tick.sample.density_ratio, 0.25);
-        let contact = tick.sample.header.flags & flags::IN_CONTACT != 0;
+        let contact = tick.sample.is_in_contact();
         assert_eq!(contact, matches!(tick.phase, Phase::Stance { .. }));
         assert_ne!(tick.sample.header.flags & flags::DENSITY_SENSED, 0);
         let down = |e: &&leg_plant::Event| matches!(e.kind, EventKind::Touchdown { .. });

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use leg_control::wire::{Command, Header, flags};
+use leg_control::wire::{Command, Header};
 use leg_host::realtime::{Clock, Done, Task, Tick, Word};
 use leg_host::{LegLink, LinkError};
 
@@ -100,7 +100,7 @@ impl<'a, 'l, L: LegLink, H: Hooks> LegTask<'a, 'l, L, H> {
             }
             let (in_force, hooks) = (&mut self.in_force, &mut *self.hooks);
             self.leg.step(command.take(), round_trip, &mut |record: &TickRecord| {
-                is_safe = record.command.header.flags & flags::SAFE != 0;
+                is_safe = record.command.is_safe();
                 if record.is_new {
                     is_new = true;
                     *in_force = Some(record.command.header);

@@ -1,7 +1,8 @@
 use std::time::Instant;
 
-use leg_control::control::{Config, Controller};
+use leg_control::config::Config;
 use leg_control::policy::{Policy, SHIPPED};
+use leg_control::wire_controller::WireController;
 use leg_host::memory::Inline;
 use leg_host::realtime::{Bar, LoopReport, QuantilesUs};
 use leg_host::shm::Players;
@@ -19,7 +20,7 @@ fn hopping(seconds: u32) -> Scene {
     let settings = format!("medium = \"water\"\nset_point_m_s = 0.5\nduration_s = {seconds}.0");
     let scenario = Scenario::from_settings(&Settings::from_toml(&settings).unwrap()).unwrap();
     let config = Config::at_rate(1000).unwrap();
-    let mut controller = Controller::new(Policy::parse(SHIPPED).unwrap(), config);
+    let mut controller = WireController::new(Policy::parse(SHIPPED).unwrap(), config);
     let mut link = Inline::new(|sample| controller.tick(Some(sample)));
     let mut scene = Scene::new("test");
     scene.players = Players { leg: true, controller: true };

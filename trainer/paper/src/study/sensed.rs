@@ -2,8 +2,9 @@
 
 use std::fmt::Write as _;
 
-use leg_control::control::{Config, Controller};
+use leg_control::config::Config;
 use leg_control::policy::{Policy, SHIPPED};
+use leg_control::wire_controller::WireController;
 use leg_host::memory::Inline;
 use leg_plant::EventKind;
 use rayon::prelude::*;
@@ -89,7 +90,7 @@ fn play(sense: DensitySense, rho: f64, seed: u64) -> Option<(f64, f64)> {
     let scenario = Scenario::from_settings(&settings).expect("settings within their limits");
     let policy = Policy::parse(SHIPPED).expect("the shipped policy is whole");
     let config = Config::at_rate(scenario.rate_hz).expect("the usual rate");
-    let mut controller = Controller::new(policy, config);
+    let mut controller = WireController::new(policy, config);
     let mut link = Inline::new(|sample| controller.tick(Some(sample)));
     let mut apexes = Vec::new();
     let outcome = lock_step::run(&scenario, &mut link, Options::default(), |tick| {

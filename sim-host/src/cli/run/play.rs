@@ -1,0 +1,154 @@
+//! What runs in lock-step and in real time have in common.
+
+use std::io;
+use std::process::ExitCode;
+
+use leg_control::config::Config;
+use leg_control::policy::Policy;
+use leg_host::cli::{SAY_AFTER, other_leg};
+use leg_host::domain::DomainError;
+use leg_host::patient::Notice;
+use leg_host::realtime::{LoopReport, Shared};
+use leg_host::shm::ConnectError;
+use leg_host::{Pace, Terms};
+use leg_process::Stop;
+use leg_process::stdout;
+
+use super::super::recording::Recording;
+use super::super::{checked_policy, misuse};
+use super::args::Args;
+use crate::operate::Operated;
+use crate::scenario::Scenario;
+use crate::session::child::ControllerArgs;
+use crate::session::two_processes::{
+    ConnectOptions, Connected, PlayError, SessionEvent, connect_and_run, new_run_id,
+};
+use crate::session::{Ending, Outcome, SessionError};
+
+/// Returns the configuration of a scenario's controller.
+pub(super) fn controller_config(scenario: &Scenario) -> anyhow::Result<Config> {
+    Config::at_rate(scenario.rate_hz)
+        .and_then(|config| config.with_gravity(scenario.controller_gravity_m_s2()))
+        .map_err(misuse)
+}
+
+/// Warns if the policy of a controller in this process was trained for another leg.
+pub(super) fn warn_of_other_leg(policy: &Policy<'_>, scenario: &Scenario) {
+    let leg = scenario.leg_model().fingerprint();
+    if let Some(warning) = other_leg(policy.manifest(), Some(leg)) {
+        eprintln!("sim-host: {warning}");
+    }
+}
+
+/// Opens the control socket of a run. If that fails, warns and the run continues
+/// without it.
+pub(super) fn operated(
+    domain: &str,
+    rate_hz: u32,
+    pace: Pace,
+    stop: &Stop,
+    timing: Option<Shared>,
+) -> Option<Operated> {
+    Operated::open(domain, rate_hz, pace, stop, timing)
+        .inspect_err(|error| {
+            eprintln!("sim-host: warning: this run cannot be operated from `watch`: {error}");
+        })
+        .ok()
+}
+
+/// Connects to a controller process, which `--spawn` starts, and calls `run` with
+/// the run's id. Returns its result and, in real time, the report of a started
+/// controller's loop.
+pub(super) fn with_controller<R>(
+    scenario: &Scenario,
+    args: &Args,
+    terms: Terms,
+    stop: &Stop,
+    recording: &mut Recording,
+    run: impl FnOnce(Connected<'_>, u32, &mut Recording) -> Result<R, PlayError>,
+) -> anyhow::Result<(R, Option<LoopReport>)> {
+    let domain = args.domain();
+    if args.spawn {
+        checked_policy(args.policy.as_deref())?;
+    }
+    let timeout = args.meeting.timeout();
+    let start = args.spawn.then(|| ControllerArgs {
+        policy: args.policy.clone(),
+        rate_hz: scenario.rate_hz,
+        gravity_m_s2: scenario.controller_gravity_m_s2(),
+        domain: domain.clone(),
+        timeout,
+        real_time: args.real_time.controller_arguments(),
+    });
+    let run_id = new_run_id();
+    recording.poll_policies(&domain, run_id);
+    let connect = ConnectOptions { domain, timeout, start, run_id };
+    let on_event = printer(args.spawn);
+    let run = |connected: Connected<'_>| run(connected, run_id, recording);
+    connect_and_run(terms, &connect, stop, on_event, run).map_err(with_hint)
+}
+
+/// Returns a callback that prints the events of a connection. The loss of a
+/// controller started here ends the run, so that error reports it.
+fn printer(spawned: bool) -> impl FnMut(SessionEvent<'_>) {
+    let mut printed = false;
+    move |event| match event {
+        SessionEvent::Missing(missing) => {
+            if !(printed || spawned) && missing.waited >= SAY_AFTER {
+                printed = true;
+                eprintln!("sim-host: {missing}; still waiting");
+            }
+        }
+        SessionEvent::Peer(Notice::Lost { .. }) if spawned => (),
+        SessionEvent::Peer(notice) => eprintln!("sim-host: {notice}"),
+    }
+}
+
+/// Adds the option that helps, and marks errors that the caller can correct.
+fn with_hint(error: PlayError) -> anyhow::Error {
+    match &error {
+        PlayError::Connect(ConnectError::Domain(DomainError::Name(_))) => misuse(error),
+        PlayError::Controller(status) if status.code() == Some(2) => misuse(error),
+        PlayError::Session(SessionError::NoAnswer { .. }) => {
+            anyhow::anyhow!("{error}; --timeout changes the time to wait")
+        }
+        _ => error.into(),
+    }
+}
+
+/// Prints the first lines of the result, as text.
+pub(super) fn print_summary(outcome: &Outcome) -> io::Result<()> {
+    let report = outcome.report();
+    let ending = match outcome.ending {
+        Ending::Duration => "time over",
+        Ending::Distance => "distance reached",
+        Ending::Fall => "fell",
+        Ending::Stopped => "stopped",
+    };
+    stdout::print_line(format_args!(
+        "{ending} after {:.3} s ({} ticks), {:.3} m",
+        report.sim_time_s, report.ticks, report.distance_m
+    ))?;
+    stdout::print_line(format_args!(
+        "hops {}, apexes {}, falls {}, ticks in the safe state {}, samples rejected {}",
+        report.hops, report.apexes, report.falls, report.safe_ticks, report.rejected
+    ))?;
+    report.faults.iter().try_for_each(stdout::print_line)
+}
+
+/// Prints warnings about the outcome and returns the exit status.
+pub(super) fn exit_status(outcome: &Outcome) -> ExitCode {
+    if outcome.all_safe() {
+        eprintln!(
+            "sim-host: warning: the controller never left its safe state: all {} ticks were under \
+             its safe command and {} samples were rejected; the actor acts only after samples \
+             within the guard's limits and an apex from which the leg falls",
+            outcome.ticks, outcome.rejected
+        );
+    }
+    if outcome.ending == Ending::Fall {
+        eprintln!("sim-host: the leg fell at x = {:.2} m", outcome.body.x_m);
+        return ExitCode::from(1);
+    }
+    ExitCode::SUCCESS
+}

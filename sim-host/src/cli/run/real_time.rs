@@ -1,0 +1,117 @@
+//! `sim-host run --real-time`.
+
+use std::process::ExitCode;
+
+use leg_control::wire_controller::WireController;
+use leg_host::realtime::cli::RealTimeArgs;
+use leg_host::realtime::drive::Options as LoopOptions;
+use leg_host::realtime::{self, Ends, LoopReport, Plain, Shared};
+use leg_host::{Pace, Role, memory};
+use leg_process::Stop;
+use leg_process::stdout;
+
+use super::super::recording::Recording;
+use super::super::{checked_policy, misuse};
+use super::args::{Args, RealTime};
+use super::play::{
+    controller_config, exit_status, operated, print_summary, warn_of_other_leg, with_controller,
+};
+use crate::scenario::Scenario;
+use crate::session::real_time::{self, Options, Played};
+
+pub(super) fn main(
+    scenario: &Scenario,
+    args: &Args,
+    mut recording: Recording,
+) -> anyhow::Result<ExitCode> {
+    let stop = Stop::on_signals()?;
+    let played = if args.in_process {
+        in_process(scenario, args, &stop, &mut recording)
+    } else {
+        two_processes(scenario, args, &stop, &mut recording)
+    };
+    let recorded = recording.finish(played.as_ref().map(|(played, _)| &played.outcome));
+    let (Played { ended, outcome, report }, controller) = played?;
+    if args.json {
+        let mut json = serde_json::to_value(outcome.report())?;
+        json["pace"] = serde_json::to_value(Pace::RealTime)?;
+        json["loop"] = serde_json::to_value(report)?;
+        json["controller_loop"] = serde_json::to_value(controller)?;
+        stdout::print_line(json)?;
+    } else {
+        print_summary(&outcome)?;
+        stdout::print_line(format_args!("state hash {:016x}\n\n{report}", outcome.state_hash))?;
+        if let Some(report) = controller {
+            stdout::print_line(format_args!("\n{report}"))?;
+        }
+    }
+    let status = exit_status(&outcome);
+    ended?;
+    recorded?;
+    Ok(status)
+}
+
+/// Returns the options of the leg's loop.
+fn loop_options(
+    args: &RealTime,
+    rate_hz: u32,
+    shared: Shared,
+    recording: &Recording,
+) -> LoopOptions {
+    let listener = recording.listener();
+    LoopOptions { listener, ..args.clock.options(Role::Leg, rate_hz, shared) }
+}
+
+fn two_processes(
+    scenario: &Scenario,
+    args: &Args,
+    stop: &Stop,
+    recording: &mut Recording,
+) -> anyhow::Result<(Played, Option<LoopReport>)> {
+    let terms = scenario.terms().with_pace(Pace::RealTime);
+    with_controller(scenario, args, terms, stop, recording, |connected, run_id, recording| {
+        let mut link = connected.link;
+        let (_, supervise) = realtime::watch(&link, stop, None, |_| ());
+        let shared = Shared::default();
+        let timing = Some(shared.clone());
+        let operated = operated(&args.domain(), scenario.rate_hz, Pace::RealTime, stop, timing);
+        let options = args.real_time.session_options(run_id);
+        let of_loop = loop_options(&args.real_time, scenario.rate_hz, shared, recording);
+        let mut hooks = (recording, operated);
+        Ok(real_time::run(scenario, &mut link, options, &of_loop, stop, supervise, &mut hooks))
+    })
+}
+
+/// Plays both loops as threads of this process.
+fn in_process(
+    scenario: &Scenario,
+    args: &Args,
+    stop: &Stop,
+    recording: &mut Recording,
+) -> anyhow::Result<(Played, Option<LoopReport>)> {
+    let blob = checked_policy(args.policy.as_deref())?;
+    let policy = blob.policy().map_err(misuse)?;
+    warn_of_other_leg(&policy, scenario);
+    recording.policy(blob.as_slice(), &policy);
+    let config = controller_config(scenario)?;
+    let RealTime { clock, controller_cpu, .. } = &args.real_time;
+    let controller_clock = RealTimeArgs { cpu: *controller_cpu, live: false, ..clock.clone() };
+    let controller_options =
+        controller_clock.options(Role::Controller, scenario.rate_hz, Shared::default());
+    let run_id = Options::default().run_id;
+    let (mut link, controllers_end) = memory::pair();
+    let (played, served) = std::thread::scope(|scope| {
+        let serving = scope.spawn(|| {
+            let mut law = Plain { controller: WireController::new(policy, config), config };
+            let options = &controller_options;
+            realtime::serve(controllers_end, &mut law, Ends::AtFarewell, options, stop, || ())
+        });
+        let options = args.real_time.session_options(run_id);
+        let of_loop = loop_options(&args.real_time, scenario.rate_hz, Shared::default(), recording);
+        let played = real_time::run(scenario, &mut link, options, &of_loop, stop, || (), recording);
+        // If the run ended early, this tells the controller that its leg has left.
+        drop(link);
+        (played, serving.join().expect("the controller's loop does not panic"))
+    });
+    Ok((played, Some(served.report)))
+}
