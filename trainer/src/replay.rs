@@ -47,15 +47,15 @@ pub struct ReplayState {
 
 /// Many numbers as one run of bytes, little-endian: item by item is slow.
 pub(crate) mod bytes {
-    use serde::{Deserializer, Serializer, de::Error};
+    use serde::{Deserialize, Deserializer, Serializer, de::Error};
 
     pub(crate) fn serialize<S: Serializer>(numbers: &[f32], to: S) -> Result<S::Ok, S::Error> {
         let bytes: Vec<u8> = numbers.iter().flat_map(|x| x.to_le_bytes()).collect();
-        serde_bytes::serialize(&bytes, to)
+        to.serialize_bytes(&bytes)
     }
 
     pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<f32>, D::Error> {
-        let bytes: &[u8] = serde_bytes::deserialize(from)?;
+        let bytes = <&[u8]>::deserialize(from)?;
         let (numbers, rest) = bytes.as_chunks::<4>();
         if !rest.is_empty() {
             return Err(D::Error::custom("bytes that are no numbers"));

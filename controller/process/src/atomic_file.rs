@@ -3,8 +3,11 @@
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::process;
+use std::sync::atomic::{AtomicU32, Ordering};
 
-use tempfile::TempPath;
+/// Numbers the temporary files of this process.
+static NEXT: AtomicU32 = AtomicU32::new(0);
 
 /// A file that is written under a temporary name in the target's folder and
 /// renamed by [`AtomicFile::finish`].
@@ -14,8 +17,36 @@ use tempfile::TempPath;
 #[derive(Debug)]
 pub struct AtomicFile {
     file: BufWriter<File>,
-    temporary: TempPath,
+    temporary: Temporary,
     path: PathBuf,
+}
+
+/// The path of a temporary file, which is removed on drop.
+#[derive(Debug)]
+struct Temporary(PathBuf);
+
+impl Temporary {
+    /// Creates a file under a name that nothing else in the folder has. It is as readable as
+    /// any new file.
+    fn create_in(folder: &Path) -> io::Result<(File, Self)> {
+        loop {
+            let number = NEXT.fetch_add(1, Ordering::Relaxed);
+            let path = folder.join(format!(".tmp{}-{number}", process::id()));
+            match File::create_new(&path) {
+                Ok(file) => return Ok((file, Self(path))),
+                // A process of the same id on another host, or one that was killed.
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+                Err(error) => return Err(error),
+            }
+        }
+    }
+}
+
+impl Drop for Temporary {
+    fn drop(&mut self) {
+        // After the rename there is nothing to remove.
+        _ = fs::remove_file(&self.0);
+    }
 }
 
 impl AtomicFile {
@@ -31,10 +62,7 @@ impl AtomicFile {
             return Err(io::ErrorKind::IsADirectory.into());
         }
         let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        // `File::create_new` gives the usual permissions. The methods of `NamedTempFile` are
-        // avoided: their errors name the temporary file, which means nothing to a user.
-        let created = tempfile::Builder::new().make_in(folder, |path| File::create_new(path))?;
-        let (file, temporary) = created.into_parts();
+        let (file, temporary) = Temporary::create_in(folder)?;
         Ok(Self { file: BufWriter::new(file), temporary, path })
     }
 
@@ -45,8 +73,7 @@ impl AtomicFile {
     pub fn finish(self) -> io::Result<()> {
         let file = self.file.into_inner().map_err(io::IntoInnerError::into_error)?;
         file.sync_all()?;
-        self.temporary.persist(&self.path).map_err(|error| error.error)?;
-        Ok(())
+        fs::rename(&self.temporary.0, &self.path)
     }
 }
 

@@ -3,7 +3,6 @@
 use super::json::TOLERANCE;
 use leg_control::actor::ShapeError;
 use leg_control::policy::WriteError;
-use safetensors::SafeTensorError;
 
 /// Why a file holds no actor that can fly.
 #[derive(Debug, thiserror::Error)]
@@ -14,7 +13,7 @@ pub enum ImportError {
     Syntax(#[from] serde_json::Error),
     /// It is no safetensors file.
     #[error("not a safetensors file: {0}; write it with safetensors.torch.save_file")]
-    Safetensors(#[from] SafeTensorError),
+    Safetensors(String),
     /// It is no ONNX file.
     #[error("not an ONNX file: {0}; write it with torch.onnx.export")]
     Protobuf(#[from] prost::DecodeError),
