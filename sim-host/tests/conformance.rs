@@ -288,9 +288,9 @@ fn a_plain_link_is_never_settled<L: LegLink, C: ControllerLink, ML, MC>(
     play(
         pair(),
         |mut leg| {
-            assert!(!leg.is_settled());
+            assert!(!leg.expects_no_reply());
             leg.send(&sample(0)).expect("send");
-            assert!(!leg.is_settled(), "an answer is to come");
+            assert!(!leg.expects_no_reply(), "an answer is to come");
             leg.receive(LONG).expect("a link").expect("a command");
         },
         |mut controller| {
@@ -307,7 +307,7 @@ use leg_host::Domain;
 use leg_host::serial::stream::over_unix;
 use leg_host::serial::{SerialController, SerialLeg};
 use leg_host::shm::{ShmController, ShmLeg};
-use leg_host::{Terms, memory};
+use leg_host::{SessionParams, memory};
 use leg_process::Stop;
 use sim_host::faults::stage::message::{Corrupt, Delay, Drop, Duplicate, Freeze, Ice, Reorder};
 use sim_host::faults::stage::{Chain, Dice, Faulty, OnTheWire, Plan, Window};
@@ -382,12 +382,12 @@ fn through_the_fault_injector_over_any_transport() {
     let base = dir.path().join("base");
     check_wrapped(|| {
         let domain = || Domain::join_in(&base, "faulty").unwrap();
-        let (terms, stop) = (Terms::at(1000), Stop::default());
+        let (params, stop) = (SessionParams::at(1000), Stop::default());
         let (leg, controller): (Arc<_>, Arc<_>) = (domain(), domain());
         let stop_too = stop.clone();
         (
-            move || ShmLeg::connect(&leg, terms, LONG, &stop).unwrap(),
-            move || ShmController::connect(&controller, terms, LONG, &stop_too).unwrap(),
+            move || ShmLeg::connect(&leg, params, LONG, &stop).unwrap(),
+            move || ShmController::connect(&controller, params, LONG, &stop_too).unwrap(),
         )
     });
 }
@@ -398,12 +398,12 @@ fn over_shared_memory() {
     let base = dir.path().join("base");
     check(|| {
         let domain = || Domain::join_in(&base, "conformance").unwrap();
-        let (terms, stop) = (Terms::at(1000), Stop::default());
+        let (params, stop) = (SessionParams::at(1000), Stop::default());
         let (leg, controller): (Arc<_>, Arc<_>) = (domain(), domain());
         let stop_too = stop.clone();
         (
-            move || ShmLeg::connect(&leg, terms, LONG, &stop).unwrap(),
-            move || ShmController::connect(&controller, terms, LONG, &stop_too).unwrap(),
+            move || ShmLeg::connect(&leg, params, LONG, &stop).unwrap(),
+            move || ShmController::connect(&controller, params, LONG, &stop_too).unwrap(),
         )
     });
     assert!(!base.exists(), "nothing is left of the domain");

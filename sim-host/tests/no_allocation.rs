@@ -17,10 +17,11 @@ use leg_control::config::Config;
 use leg_control::wire::{Command, Sample};
 use leg_control::wire_controller::WireController;
 use leg_host::realtime::{
-    ControllerTask, Counters, Ends, Grid, Law, Log, Monotonic, Plain, Task, clock::SPIN, drive,
+    Control, ControllerTask, DEFAULT_SPIN, Direct, ExitOn, LoopCounters, MonotonicClock,
+    StatsWriter, Task, TickSchedule, run_ticks,
 };
 use leg_host::shm::{ShmController, ShmLeg};
-use leg_host::{ControllerLink, Domain, LegLink, Pace, Role, memory};
+use leg_host::{ControllerLink, Domain, LegLink, Role, TimeMode, memory};
 use leg_process::Stop;
 use leg_process::policy_file::PolicyFile;
 use sim_host::scenario::{Scenario, Settings};
@@ -61,32 +62,32 @@ impl Hooks for Warm {
     }
 }
 
-struct WarmLaw<'a>(Warm, Plain<'a>);
+struct WarmLaw<'a>(Warm, Direct<'a>);
 
-impl Law for WarmLaw<'_> {
+impl Control for WarmLaw<'_> {
     fn tick(&mut self, sample: Option<&Sample>) -> Command {
         self.0.tick();
         self.1.tick(sample)
     }
 
-    fn rest(&mut self) {}
+    fn reset(&mut self) {}
 }
 
 /// Drives a task until it is warm, and then to its end. Gives what the second
 /// part has allocated, and all counts.
-fn measured<T: Task>(task: &mut T, role: Role, warm: &Stop) -> (AllocationInfo, Counters)
+fn measured<T: Task>(task: &mut T, role: Role, warm: &Stop) -> (AllocationInfo, LoopCounters)
 where
     T::Error: std::fmt::Debug,
 {
-    let grid = Grid::of(role, RATE_HZ);
-    let clock = Monotonic::new(SPIN, grid.tick_ns());
-    let (mut log, _rows) = Log::new(RATE_HZ);
-    drive(&clock, grid, task, &mut log, warm).expect("a link");
+    let grid = TickSchedule::of(role, RATE_HZ);
+    let clock = MonotonicClock::new(DEFAULT_SPIN, grid.tick_ns());
+    let (mut log, _rows) = StatsWriter::new(RATE_HZ);
+    run_ticks(&clock, grid, task, &mut log, warm).expect("a link");
     assert!(warm.is_raised(), "it was over before it was warm");
     let before = log.counters();
     let never = Stop::default();
-    let info = measure(|| drive(&clock, grid, task, &mut log, &never).expect("a link"));
-    assert!(log.counters().heard > before.heard + 500, "{:?}", log.counters());
+    let info = measure(|| run_ticks(&clock, grid, task, &mut log, &never).expect("a link"));
+    assert!(log.counters().received > before.received + 500, "{:?}", log.counters());
     (info, log.counters())
 }
 
@@ -108,9 +109,9 @@ fn play<L: LegLink, C: ControllerLink>(
             let config = Config::at_rate(RATE_HZ).expect("a rate");
             let warm = Warm { wasteful, ..Warm::default() };
             let stop = warm.stop.clone();
-            let plain = Plain { controller: WireController::new(policy, config), config };
-            let law = WarmLaw(warm, plain);
-            let mut task = ControllerTask::new(end, law, RATE_HZ, Ends::AtFarewell);
+            let direct = Direct { controller: WireController::new(policy, config), config };
+            let law = WarmLaw(warm, direct);
+            let mut task = ControllerTask::new(end, law, RATE_HZ, ExitOn::EndOfRun);
             let (info, _) = measured(&mut task, Role::Controller, &stop);
             assert!(task.last_command().apexes > 0, "the actor has acted");
             info
@@ -148,10 +149,10 @@ fn over_shared_memory_only_the_loan_of_a_message_allocates_and_gives_back() {
     let dir = tempfile::tempdir().expect("a temporary folder");
     let base = dir.path().join("base");
     let join = || Domain::join_in(&base, "warm").expect("a domain");
-    let terms = leg_host::Terms::at(RATE_HZ).with_pace(Pace::RealTime);
+    let params = leg_host::SessionParams::at(RATE_HZ).with_time_mode(TimeMode::RealTime);
     let [leg, controller] = play(
-        || ShmLeg::connect(&join(), terms, LONG, &Stop::default()).expect("a controller"),
-        || ShmController::connect(&join(), terms, LONG, &Stop::default()).expect("a leg"),
+        || ShmLeg::connect(&join(), params, LONG, &Stop::default()).expect("a controller"),
+        || ShmController::connect(&join(), params, LONG, &Stop::default()).expect("a leg"),
         false,
     );
     for info in [leg, controller] {

@@ -1,29 +1,29 @@
-//! Round trip of the bare shared-memory link between two processes: a sample
-//! out, a command back, nothing computed.
+//! Round-trip time of the shared-memory link between two processes: a sample out and a
+//! command back, without any computation.
 //!
 //! `cargo bench -p leg-host --bench round_trip`
 //!
-//! Run under `taskset -c 0`, both processes share one core: the worst case.
+//! Under `taskset -c 0` both processes share one core, which is the worst case.
 
 use std::process::{Command as Process, Stdio};
 use std::time::{Duration, Instant};
 
 use leg_control::wire::{Command, Sample};
 use leg_host::shm::{ShmController, ShmLeg};
-use leg_host::{Domain, Link, LinkError, Terms};
+use leg_host::{Domain, Link, LinkError, SessionParams};
 use leg_process::Stop;
 
 const ECHO: &str = "--echo-in";
 const TIMEOUT: Duration = Duration::from_secs(10);
 const WARM_UP: u64 = 10_000;
 const TICKS: u64 = 500_000;
-/// Long enough to tell p99 where a tick takes a time slice.
-const AT_MOST: Duration = Duration::from_secs(10);
+/// Time limit. Long enough for a p99 even if each round trip takes a time slice.
+const TIME_LIMIT: Duration = Duration::from_secs(10);
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut args = std::env::args().skip(1);
     if args.next().as_deref() == Some(ECHO) {
-        return echo(&args.next().ok_or("which domain?")?);
+        return echo(&args.next().ok_or("no domain given")?);
     }
     let name = format!("bench-{}", std::process::id());
     let mut child =
@@ -46,7 +46,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
 fn measure(domain: &str) -> Result<Vec<u64>, Box<dyn std::error::Error>> {
     let domain = Domain::join(domain)?;
-    let mut leg = ShmLeg::connect(&domain, Terms::at(1000), TIMEOUT, &Stop::default())?;
+    let mut leg = ShmLeg::connect(&domain, SessionParams::at(1000), TIMEOUT, &Stop::default())?;
     let mut times = Vec::with_capacity(TICKS as usize);
     let mut sample = Sample::default();
     let start = Instant::now();
@@ -59,7 +59,7 @@ fn measure(domain: &str) -> Result<Vec<u64>, Box<dyn std::error::Error>> {
         if seq >= WARM_UP {
             times.push(sent.elapsed().as_nanos() as u64);
         }
-        if start.elapsed() > AT_MOST && !times.is_empty() {
+        if start.elapsed() > TIME_LIMIT && !times.is_empty() {
             break;
         }
     }
@@ -68,7 +68,8 @@ fn measure(domain: &str) -> Result<Vec<u64>, Box<dyn std::error::Error>> {
 
 fn echo(domain: &str) -> Result<(), Box<dyn std::error::Error>> {
     let domain = Domain::join(domain)?;
-    let mut link = ShmController::connect(&domain, Terms::at(1000), TIMEOUT, &Stop::default())?;
+    let mut link =
+        ShmController::connect(&domain, SessionParams::at(1000), TIMEOUT, &Stop::default())?;
     loop {
         match link.receive(TIMEOUT) {
             Ok(Some(sample)) => {

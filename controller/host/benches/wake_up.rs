@@ -1,6 +1,5 @@
-//! How late this machine wakes a thread that does nothing else: a bare loop of
-//! `clock_nanosleep` to the instants of a tick, without any spin. What it shows,
-//! no loop in real time can better without spinning.
+//! Wake-up latency of this machine: a loop that only sleeps to the instants of its
+//! ticks, without spinning. Without spinning, no real-time loop can be more punctual.
 //!
 //! `cargo bench -p leg-host --bench wake_up -- --seconds 60 --rt-priority 40`
 
@@ -8,64 +7,65 @@ use std::time::Duration;
 
 use clap::Parser;
 use leg_host::Role;
-use leg_host::realtime::drive::Options;
-use leg_host::realtime::{Clock, Done, Privileges, Shared, Task, Tick, run};
+use leg_host::realtime::{
+    Clock, LatestReport, LoopOptions, Privileges, Task, Tick, TickResult, run,
+};
 use leg_process::Stop;
 
-/// How late a bare loop wakes.
+/// Measure the wake-up latency of this machine.
 #[derive(Parser)]
 struct Args {
-    /// How long, s.
+    /// Duration of the measurement, s.
     #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=86_400))]
     seconds: u32,
-    /// Ticks a second.
+    /// Tick rate, Hz.
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=20_000))]
     rate: u32,
     /// Real-time priority.
     #[arg(long, value_parser = clap::value_parser!(u8).range(1..=99))]
     rt_priority: Option<u8>,
-    /// The processor to stay on.
+    /// Run on this processor only.
     #[arg(long)]
     cpu: Option<usize>,
-    /// Spin so long before each tick, us.
+    /// Spin for this long before each tick, us.
     #[arg(long, default_value_t = 0)]
     spin: u64,
-    /// The figures as JSON.
+    /// Print the report as JSON.
     #[arg(long)]
     json: bool,
-    /// What `cargo bench` adds.
+    /// Added by `cargo bench`.
     #[arg(long, hide = true)]
     bench: bool,
 }
 
-/// Ticks left.
-struct Nothing(u64);
+/// A task without work, for the remaining number of ticks.
+struct NoWork(u64);
 
-impl Task for Nothing {
+impl Task for NoWork {
     type Error = std::convert::Infallible;
 
-    fn tick(&mut self, at: &Tick, _clock: &impl Clock) -> Result<Done, Self::Error> {
+    fn tick(&mut self, at: &Tick, _clock: &impl Clock) -> Result<TickResult, Self::Error> {
         self.0 = self.0.saturating_sub(1 + at.missed);
-        Ok(Done { over: self.0 == 0, ..Done::default() })
+        Ok(TickResult { over: self.0 == 0, ..TickResult::default() })
     }
 }
 
 fn main() {
     let args = Args::parse();
-    let options = Options {
+    let options = LoopOptions {
         role: Role::Leg,
         rate_hz: args.rate,
         spin: Duration::from_micros(args.spin),
         privileges: Privileges { priority: args.rt_priority, cpu: args.cpu },
         live: false,
-        shared: Shared::default(),
-        listener: None,
+        latest_report: LatestReport::default(),
+        observer: None,
     };
-    let mut task = Nothing(u64::from(args.seconds) * u64::from(args.rate));
-    let (Ok(()), tally) = run(&options, &mut task, &Stop::default(), || ());
+    let mut task = NoWork(u64::from(args.seconds) * u64::from(args.rate));
+    let (Ok(()), stats) = run(&options, &mut task, &Stop::default(), || ());
     if args.json {
-        println!("{}", serde_json::json!(tally.report()));
+        println!("{}", serde_json::json!(stats.report()));
     } else {
-        println!("{}", tally.report());
+        println!("{}", stats.report());
     }
 }

@@ -6,6 +6,7 @@
 
 mod attend;
 mod beside;
+pub mod hint;
 pub mod orders;
 mod real_time;
 
@@ -16,11 +17,10 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use super::bench::{self, BenchError};
-use super::card::{Pace, Role};
-use super::domain::{DEFAULT_DOMAIN, DomainError};
-use super::link::LinkError;
+use super::discovery::{DEFAULT_DOMAIN, DomainError};
+use super::link::{LinkError, Role, TimeMode};
 use super::realtime::LoopReport;
-use super::realtime::cli::RealTimeArgs;
+use super::realtime::args::RealTimeArgs;
 use super::serial::commands;
 use super::serve::ServeError;
 use super::shelf::ShelfError;
@@ -155,12 +155,23 @@ pub enum CliError {
 }
 
 impl Args {
-    fn pace(&self) -> Pace {
-        if self.real_time.real_time { Pace::RealTime } else { Pace::LockStep }
+    fn pace(&self) -> TimeMode {
+        if self.real_time.real_time { TimeMode::RealTime } else { TimeMode::LockStep }
     }
 }
 
 impl CliError {
+    /// Returns what the user can do about the error.
+    fn hint(&self) -> Option<String> {
+        match self {
+            Self::Connect(error) => hint::connect_error(error),
+            Self::Link(error) | Self::Serve(ServeError::Link { cause: error, .. }) => {
+                hint::link_error(error)
+            }
+            _ => None,
+        }
+    }
+
     /// Whether the user must change the call, not only call again.
     fn is_misuse(&self) -> bool {
         matches!(
@@ -268,7 +279,7 @@ pub fn main(call: &Call) -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            say(&error);
+            say(hint::with_hint(&error, error.hint()));
             ExitCode::from(if error.is_misuse() { 2 } else { 1 })
         }
     }

@@ -26,8 +26,8 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use super::card::Role;
-use super::domain::{Domain, DomainError, apart_from, other_users};
+use super::discovery::{Domain, DomainError, other_users, other_users_note};
+use super::link::Role;
 use super::socket::{SocketError, SocketFile};
 
 /// Longest request and longest answer, bytes: a policy of 1 MiB in text, and some.
@@ -50,8 +50,8 @@ pub enum AskError {
     /// Nobody plays that role there.
     #[error(
         "no {role} is running in domain `{domain}`{}; start one with `{} --domain {domain}`, or name another --domain",
-        apart_from(other_users),
-        role.start_hint()
+        other_users_note(other_users),
+        crate::cli::hint::start_command(*role)
     )]
     Nobody {
         /// Which role.

@@ -1,40 +1,38 @@
-//! The controller on a host: links to a leg, and the `controller` process.
+//! The leg controller on Linux: links between processes, the real-time loop, the
+//! serial client, and the `controller` program.
 //!
-//! Everything above [`link`] sees only the [`Link`] trait; a fault injector, a
-//! recorder or a probe wraps one link and is another. Below it are the
-//! transports: [`memory`] within a process, [`shm`] between two (iceoryx2
-//! shared memory). All pass the same [`conformance`] suite.
+//! The modules form layers; each uses only those above it in this list:
 //!
-//! Two processes find each other by the name of a [`domain`], in which each
-//! plays one [`card::Role`]; questions and orders from beside the loop come to
-//! its [`desk`]. A controller that is flashed is reached over a
-//! [`serial`] line.
+//! 1. [`link`]: the [`Link`] trait, its errors, and what both sides must agree on.
+//!    A fault injector, a recorder or a probe wraps one link and is a link itself.
+//! 2. [`memory`]: links within a process. [`discovery`] and [`shm`]: how two
+//!    processes find each other, and links between them over iceoryx2 shared memory.
+//! 3. [`reconnect`]: a shared-memory link that survives the loss of its peer.
+//! 4. [`realtime`]: a control loop that ticks by the monotonic clock.
+//! 5. The controller process, and requests to it; [`serial`]: the client of a
+//!    flashed controller.
+//!
+//! All transports pass the conformance suite in `sim-host/tests/conformance.rs`.
 
 pub mod bench;
-pub mod card;
 pub mod cli;
 pub mod desk;
-pub mod domain;
+pub mod discovery;
 #[cfg(test)]
 mod fixture;
 pub mod flash;
-
 pub mod link;
 pub mod memory;
 pub mod office;
 pub mod operated;
-pub mod patient;
-mod payload;
 pub mod realtime;
+pub mod reconnect;
 pub mod serial;
 pub mod serve;
 pub mod shelf;
 pub mod shm;
 pub mod socket;
-mod wait;
 
-pub use card::{Pace, Role, Terms};
 pub use desk::Desk;
-pub use domain::Domain;
-pub use link::{ControllerLink, LegLink, Link, LinkError};
-pub use payload::{Message, Shared};
+pub use discovery::Domain;
+pub use link::{ControllerLink, LegLink, Link, LinkError, Role, SessionParams, TimeMode};

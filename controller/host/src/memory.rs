@@ -4,27 +4,29 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use leg_control::wire::{Command, Sample};
 use triple_buffer::{Input, Output, triple_buffer};
 
-use super::card::Role;
-use super::link::{Link, LinkError};
-use super::wait::Waiter;
-use leg_control::wire::{Command, Sample};
+use crate::link::{Link, LinkError, Role, Waiter};
 
-/// One end of a link between two threads. Wait-free: neither end can hold up
-/// the other, whatever their priorities.
+/// One end of a link between two threads.
+///
+/// Both directions are wait-free triple buffers, so neither end can block the
+/// other, whatever their priorities.
 #[derive(Debug)]
 pub struct MemoryLink<Out: Copy + Send, In: Copy + Send> {
     outgoing: Input<Out>,
     incoming: Output<In>,
-    /// This end is gone; the other one is.
+    /// Set when this end is dropped.
     left: Arc<AtomicBool>,
+    /// Set when the other end is dropped.
     peer_left: Arc<AtomicBool>,
     peer: Role,
     waiter: Waiter,
 }
 
-/// A leg's end and a controller's end, for two threads.
+/// Returns the two ends of a link between two threads: the leg's and the
+/// controller's.
 #[must_use]
 pub fn pair() -> (MemoryLink<Sample, Command>, MemoryLink<Command, Sample>) {
     let (samples, samples_out) = triple_buffer(&Sample::default());
@@ -62,7 +64,7 @@ impl<Out: Copy + Send, In: Copy + Send> Link for MemoryLink<Out, In> {
     fn receive(&mut self, timeout: Duration) -> Result<Option<In>, LinkError> {
         let Self { incoming, peer_left, peer, waiter, .. } = self;
         let poll = || {
-            // In this order: what it sent last still counts.
+            // Read the flag before the buffer: the last message sent before leaving counts.
             let is_gone = peer_left.load(Ordering::Acquire);
             if incoming.update() {
                 Ok(Some(*incoming.output_buffer()))
@@ -82,19 +84,18 @@ impl<Out: Copy + Send, In: Copy + Send> Drop for MemoryLink<Out, In> {
     }
 }
 
-/// A leg's end whose controller is a function of the sample, called in place.
-///
-/// The fastest link, for runs within one thread.
+/// The leg's end of a link whose controller is a function of the sample, called by
+/// [`Link::send`]. It is the fastest link, for runs within one thread.
 #[derive(Debug)]
 pub struct Inline<F> {
-    law: F,
+    controller: F,
     reply: Option<Command>,
 }
 
 impl<F: FnMut(&Sample) -> Command> Inline<F> {
-    /// A link to `law`.
-    pub fn new(law: F) -> Self {
-        Self { law, reply: None }
+    /// Creates a link to the function `controller`.
+    pub fn new(controller: F) -> Self {
+        Self { controller, reply: None }
     }
 }
 
@@ -103,11 +104,11 @@ impl<F: FnMut(&Sample) -> Command> Link for Inline<F> {
     type Receives = Command;
 
     fn send(&mut self, sample: &Sample) -> Result<(), LinkError> {
-        self.reply = Some((self.law)(sample));
+        self.reply = Some((self.controller)(sample));
         Ok(())
     }
 
-    /// The reply to the last sample, at once; never waits.
+    /// Returns the reply to the last sample, without waiting.
     fn receive(&mut self, _timeout: Duration) -> Result<Option<Command>, LinkError> {
         Ok(self.reply.take())
     }

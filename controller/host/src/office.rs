@@ -8,13 +8,12 @@ use std::sync::Arc;
 use rtrb::{Consumer, Producer, RingBuffer};
 use serde_json::Value;
 
-use super::card::{Pace, Terms};
 use super::desk::requests::{
-    Activity, Crc32, PeerStatus, Policies, PolicyBytes, PolicyName, Request, Status, SwapRecord,
-    Swapping,
+    Activity, Crc32, Policies, PolicyBytes, PolicyName, Request, Status, SwapRecord, Swapping,
 };
+use super::link::{PeerStatus, SessionParams, TimeMode};
 use super::operated::{Board, ORDERS, Operated, Order, Taken};
-use super::realtime::Shared;
+use super::realtime::LatestReport;
 use super::shelf::{self, Shelved};
 use leg_control::config::Config;
 use leg_process::policy_file::PolicyFile;
@@ -27,7 +26,7 @@ pub struct Windows {
     /// At the peer.
     pub peer: Box<dyn Fn() -> PeerStatus + Send>,
     /// At the loop's own figures, in real time.
-    pub timing: Option<Shared>,
+    pub timing: Option<LatestReport>,
 }
 
 impl fmt::Debug for Windows {
@@ -67,7 +66,7 @@ struct Entry {
 /// What takes orders for an [`Operated`] controller.
 #[derive(Debug)]
 pub struct Office {
-    terms: Terms,
+    params: SessionParams,
     orders: Producer<Order>,
     taken: Consumer<Taken>,
     board: Arc<Board>,
@@ -88,7 +87,7 @@ impl Office {
         policy: &'static Shelved,
         file: &str,
         config: Config,
-        terms: Terms,
+        params: SessionParams,
         windows: Windows,
     ) -> (Operated, Self) {
         let (orders, to_take) = RingBuffer::new(ORDERS);
@@ -96,7 +95,7 @@ impl Office {
         let board = Arc::new(Board::default());
         let operated = Operated::new(policy, config, to_take, told, Arc::clone(&board));
         let office = Self {
-            terms,
+            params,
             orders,
             taken,
             board,
@@ -180,9 +179,9 @@ impl Office {
         let pending = (reading.in_force < self.given).then(|| self.known(self.given).name.clone());
         Status {
             pid: std::process::id(),
-            rate_hz: self.terms.rate_hz,
-            gravity_m_s2: self.terms.gravity_m_s2,
-            pace: self.terms.pace.unwrap_or(Pace::LockStep),
+            rate_hz: self.params.rate_hz,
+            gravity_m_s2: self.params.gravity_m_s2,
+            pace: self.params.time_mode.unwrap_or(TimeMode::LockStep),
             activity,
             policy: self.known(reading.in_force).name.clone(),
             since_unix_s: reading.since_unix.as_secs_f64(),
@@ -194,7 +193,7 @@ impl Office {
             apexes: reading.apexes,
             rejected: reading.rejected,
             peer,
-            timing: self.windows.timing.as_ref().map(Shared::newest),
+            timing: self.windows.timing.as_ref().map(LatestReport::get),
         }
     }
 

@@ -12,7 +12,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use rtrb::{Consumer, Producer};
 
 use super::desk::requests::{Moment, Rejected};
-use super::realtime::Law;
+use super::realtime::Control;
 use super::shelf::Shelved;
 use leg_control::config::Config;
 use leg_control::guard::Counts;
@@ -229,12 +229,12 @@ impl Operated {
     }
 }
 
-impl Law for Operated {
+impl Control for Operated {
     fn tick(&mut self, sample: Option<&Sample>) -> Command {
         Self::tick(self, sample)
     }
 
-    fn rest(&mut self) {
+    fn reset(&mut self) {
         self.restart();
     }
 }

@@ -4,7 +4,7 @@
 use std::fmt;
 use std::time::{Duration, Instant};
 
-use super::card::Role;
+use super::link::Role;
 use super::link::{ControllerLink, LinkError};
 use leg_control::wire::{Command, Sample};
 

@@ -73,7 +73,7 @@ pub fn measure(domain: &Arc<Domain>, size: Size) -> anyhow::Result<Report> {
     let scenario = Scenario::shore();
     let mut atomics = atomics::Asker::create(domain)?;
     let mut bare = bare::Asker::open(domain)?;
-    let mut leg = ShmLeg::connect(domain, scenario.terms(), TIMEOUT, &Stop::default())?;
+    let mut leg = ShmLeg::connect(domain, scenario.session_params(), TIMEOUT, &Stop::default())?;
 
     let mut times = [(); 3].map(|()| RoundTrips::default());
     let [raw, iceoryx2, full] = &mut times;
@@ -118,7 +118,8 @@ pub fn echo(domain: &Arc<Domain>, size: Size) -> anyhow::Result<()> {
 
     let mut atomics = atomics::Answerer::open(domain, TIMEOUT)?;
     let mut bare = bare::Answerer::open(domain)?;
-    let mut link = ShmController::connect(domain, scenario.terms(), TIMEOUT, &Stop::default())?;
+    let mut link =
+        ShmController::connect(domain, scenario.session_params(), TIMEOUT, &Stop::default())?;
     atomics.answer(WARM_UP)?;
     bare.answer(WARM_UP)?;
     for _ in 0..size.rounds {

@@ -14,12 +14,12 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use leg_control::wire::WIRE_VERSION;
-use leg_host::domain::DomainError;
+use leg_host::discovery::DomainError;
 use leg_host::serial::{ClientError, OpenError};
 use leg_host::serve::ServeError;
 use leg_host::shm::{ConnectError, ShmController};
 use leg_host::socket::SocketError;
-use leg_host::{Domain, LinkError, Terms};
+use leg_host::{Domain, LinkError, SessionParams};
 use leg_process::Stop;
 
 use forward::Forwarder;
@@ -120,8 +120,10 @@ pub fn run(options: &Options, dial: Dial, tell: Tell, stop: &Stop) -> Result<Rep
     let domain = Domain::join(&options.domain)?;
     let leg = target.who.policy.as_ref().map(|policy| policy.leg);
     // It goes along with either pace.
-    let meeting =
-        Terms { leg, ..Terms::at(terms.rate_hz).with_gravity(terms.gravity_m_s2).with_any_pace() };
+    let meeting = SessionParams {
+        leg,
+        ..SessionParams::at(terms.rate_hz).with_gravity(terms.gravity_m_s2).with_any_time_mode()
+    };
 
     // Refused terms are the caller's error, to be said at once; and a controller left in the
     // middle of another run stops.
@@ -131,7 +133,7 @@ pub fn run(options: &Options, dial: Dial, tell: Tell, stop: &Stop) -> Result<Rep
     let mut forwarder = Forwarder::new(target, share, terms.mode, timeout);
     let mut said = false;
     let mut broke = None;
-    let link = ShmController::connect_watching(&domain, meeting, timeout, stop, |missing| {
+    let link = ShmController::connect_while(&domain, meeting, timeout, stop, |missing| {
         if !said && missing.waited >= leg_host::cli::SAY_AFTER {
             said = true;
             forwarder.notice(&Notice::Waiting(missing.to_string()));

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use leg_control::config::Config;
 use leg_host::cli::Meeting;
-use leg_host::domain::DomainError;
+use leg_host::discovery::DomainError;
 use leg_host::serial::stream::EndpointArgs;
 use leg_host::serial::{ByteStream, Noisy, OpenError};
 use leg_host::shm::ConnectError;

@@ -8,6 +8,7 @@ mod apex;
 mod bench;
 mod bridge;
 mod faults;
+mod hint;
 mod plot;
 mod real_time;
 mod recording;
@@ -74,7 +75,7 @@ enum Command {
 pub fn main() -> ExitCode {
     let outcome = if faults::asked_for() { faults::main() } else { play(&Program::parse()) };
     outcome.unwrap_or_else(|error| {
-        eprintln!("sim-host: {error:#}");
+        eprintln!("sim-host: {}", hint::with_hint(&error));
         ExitCode::from(if error.is::<Misuse>() { 2 } else { 1 })
     })
 }

@@ -4,10 +4,11 @@ use std::ffi::OsString;
 use std::process::ExitCode;
 
 use leg_control::wire_controller::WireController;
-use leg_host::realtime::cli::{RealTimeArgs, parse_cpu};
-use leg_host::realtime::drive::Options as LoopOptions;
-use leg_host::realtime::{self, Ends, LoopReport, Plain, Shared};
-use leg_host::{Pace, Role, memory};
+use leg_host::cli::hint::peer_event;
+use leg_host::realtime::LoopOptions;
+use leg_host::realtime::args::{RealTimeArgs, parse_cpu};
+use leg_host::realtime::{self, Direct, ExitOn, LatestReport, LoopReport};
+use leg_host::{Role, TimeMode, memory};
 use leg_process::Stop;
 use leg_process::stdout;
 
@@ -50,9 +51,9 @@ impl Args {
     }
 
     /// How its loop is run.
-    fn of_loop(&self, rate_hz: u32, shared: Shared, recording: &Recording) -> LoopOptions {
-        let listener = recording.listener();
-        LoopOptions { listener, ..self.clock.options(Role::Leg, rate_hz, shared) }
+    fn of_loop(&self, rate_hz: u32, latest: LatestReport, recording: &Recording) -> LoopOptions {
+        let observer = recording.tick_observer();
+        LoopOptions { observer, ..self.clock.options(Role::Leg, rate_hz, latest) }
     }
 }
 
@@ -71,7 +72,7 @@ pub(super) fn main(
     let (Played { ended, outcome, report }, controller) = played?;
     if args.json {
         let mut json = serde_json::to_value(outcome.report())?;
-        json["pace"] = serde_json::to_value(Pace::RealTime)?;
+        json["pace"] = serde_json::to_value(TimeMode::RealTime)?;
         json["loop"] = serde_json::to_value(report)?;
         json["controller_loop"] = serde_json::to_value(controller)?;
         stdout::print_line(json)?;
@@ -94,18 +95,22 @@ fn two_processes(
     stop: &Stop,
     recording: &mut Recording,
 ) -> anyhow::Result<(Played, Option<LoopReport>)> {
-    let terms = scenario.terms().with_pace(Pace::RealTime);
-    run::meet(scenario, args, terms, stop, recording, |met, run_id, recording| {
+    let params = scenario.session_params().with_time_mode(TimeMode::RealTime);
+    run::meet(scenario, args, params, stop, recording, |met, run_id, recording| {
         let mut link = met.link;
-        let (_, look) = realtime::watch(&link, stop, None, |_| ());
-        let shared = Shared::default();
+        let (_, supervise) = realtime::supervise_peer(&link, stop, None, |event| {
+            if let Some(message) = peer_event(event) {
+                eprintln!("sim-host: {message}");
+            }
+        });
+        let shared = LatestReport::default();
         let timing = Some(shared.clone());
         let operated =
-            run::operated(&args.domain(), scenario.rate_hz, Pace::RealTime, stop, timing);
+            run::operated(&args.domain(), scenario.rate_hz, TimeMode::RealTime, stop, timing);
         let options = args.real_time.options(run_id);
         let of_loop = args.real_time.of_loop(scenario.rate_hz, shared, recording);
         let mut hooks = (recording, operated);
-        Ok(real_time::run(scenario, &mut link, options, &of_loop, stop, look, &mut hooks))
+        Ok(real_time::run(scenario, &mut link, options, &of_loop, stop, supervise, &mut hooks))
     })
 }
 
@@ -123,17 +128,17 @@ fn in_process(
     let config = run::controller_config(scenario)?;
     let Args { clock, controller_cpu, .. } = &args.real_time;
     let beside = RealTimeArgs { cpu: *controller_cpu, live: false, ..clock.clone() };
-    let options = beside.options(Role::Controller, scenario.rate_hz, Shared::default());
+    let options = beside.options(Role::Controller, scenario.rate_hz, LatestReport::default());
     let run_id = Options::default().run_id;
     let (mut link, controllers_end) = memory::pair();
     let (played, served) = std::thread::scope(|scope| {
         let serving = scope.spawn(|| {
-            let mut law = Plain { controller: WireController::new(policy, config), config };
-            realtime::serve(controllers_end, &mut law, Ends::AtFarewell, &options, stop, || ())
+            let mut control = Direct { controller: WireController::new(policy, config), config };
+            realtime::serve(controllers_end, &mut control, ExitOn::EndOfRun, &options, stop, || ())
         });
         let (leg, of_loop) = (
             args.real_time.options(run_id),
-            args.real_time.of_loop(scenario.rate_hz, Shared::default(), recording),
+            args.real_time.of_loop(scenario.rate_hz, LatestReport::default(), recording),
         );
         let played = real_time::run(scenario, &mut link, leg, &of_loop, stop, || (), recording);
         // Also when the run broke off: the controller sees that its leg has left.

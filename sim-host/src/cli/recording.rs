@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use leg_control::policy::Policy;
-use leg_host::Pace;
-use leg_host::realtime::{Listener, Word};
+use leg_host::TimeMode;
+use leg_host::realtime::{RxStatus, TickObserver};
 
 use super::misuse;
 use crate::record::schema::{Config, End, Loop, Policy as PolicyMessage};
@@ -29,14 +29,14 @@ impl Recording {
         path: Option<&Path>,
         settings: &Settings,
         scenario: &Scenario,
-        pace: Pace,
+        pace: TimeMode,
     ) -> anyhow::Result<Self> {
         let Some(path) = path else { return Ok(Self(None)) };
         let config = Config::of(settings, scenario, pace)
             .map_err(|cause| misuse(format!("the scenario cannot be recorded: {cause}")))?;
         let on_full = match pace {
-            Pace::LockStep => OnFull::Wait,
-            Pace::RealTime => OnFull::Drop,
+            TimeMode::LockStep => OnFull::Wait,
+            TimeMode::RealTime => OnFull::Drop,
         };
         let (recorder, tap) = Recorder::begin(path, &config, on_full).map_err(misuse)?;
         Ok(Self(Some(Active { tap, policies: None, recorder })))
@@ -58,13 +58,13 @@ impl Recording {
         }
     }
 
-    /// Returns a listener that records the timing of the leg's loop.
-    pub(super) fn listener(&self) -> Option<Listener> {
+    /// Returns an observer that records the timing of the leg's loop.
+    pub(super) fn tick_observer(&self) -> Option<TickObserver> {
         let sink = self.0.as_ref()?.recorder.sink();
-        Some(Listener::new(move |row| {
-            // Other rows are of no tick of a run.
-            if matches!(row.word, Word::New | Word::Stale) {
-                sink.timing(Loop::of(row));
+        Some(TickObserver::new(move |tick| {
+            // Other records belong to no tick of a run.
+            if matches!(tick.rx, RxStatus::New | RxStatus::Stale) {
+                sink.timing(Loop::of(tick));
             }
         }))
     }

@@ -5,15 +5,15 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use leg_control::config::Config;
-use leg_control::wire_controller::WireController;
 use leg_control::policy::Policy;
 use leg_control::wire::Sample;
-use leg_host::cli::{Meeting as MeetingArgs, SAY_AFTER, other_leg};
-use leg_host::domain::DomainError;
-use leg_host::patient::Notice;
-use leg_host::realtime::{LoopReport, Shared};
+use leg_control::wire_controller::WireController;
+use leg_host::cli::{Meeting as MeetingArgs, SAY_AFTER, hint, other_leg};
+use leg_host::discovery::DomainError;
+use leg_host::realtime::{LatestReport, LoopReport};
+use leg_host::reconnect::LinkEvent;
 use leg_host::shm::ConnectError;
-use leg_host::{Pace, Role, Terms};
+use leg_host::{Role, SessionParams, TimeMode};
 use leg_process::Stop;
 use leg_process::stdout;
 
@@ -66,7 +66,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
              or give the policy to the controller that you start",
         ));
     }
-    let pace = if args.real_time.is_on() { Pace::RealTime } else { Pace::LockStep };
+    let pace = if args.real_time.is_on() { TimeMode::RealTime } else { TimeMode::LockStep };
     let mut recording = Recording::begin(args.record.as_deref(), &settings, &scenario, pace)?;
     if args.real_time.is_on() {
         return real_time::main(&scenario, args, recording);
@@ -164,10 +164,10 @@ fn over_shared_memory(
 ) -> anyhow::Result<Outcome> {
     let stop = Stop::on_signals()?;
     let timeout = args.meeting.timeout();
-    let terms = scenario.terms();
-    let (outcome, _) = meet(scenario, args, terms, &stop, recording, |met, run_id, recording| {
+    let params = scenario.session_params();
+    let (outcome, _) = meet(scenario, args, params, &stop, recording, |met, run_id, recording| {
         let options = Options { run_id, timeout };
-        let operated = operated(&args.domain(), scenario.rate_hz, Pace::LockStep, &stop, None);
+        let operated = operated(&args.domain(), scenario.rate_hz, TimeMode::LockStep, &stop, None);
         let mut hooks = (recording, operated);
         Ok(lock_step::run_with(scenario, &mut met.in_lock_step(), options, &mut hooks)?)
     })?;
@@ -178,9 +178,9 @@ fn over_shared_memory(
 pub(super) fn operated(
     domain: &str,
     rate_hz: u32,
-    pace: Pace,
+    pace: TimeMode,
     stop: &Stop,
-    timing: Option<Shared>,
+    timing: Option<LatestReport>,
 ) -> Option<Operated> {
     Operated::open(domain, rate_hz, pace, stop, timing)
         .inspect_err(|error| eprintln!("sim-host: warning: nobody can operate this run: {error}"))
@@ -193,7 +193,7 @@ pub(super) fn operated(
 pub(super) fn meet<R>(
     scenario: &Scenario,
     args: &Args,
-    terms: Terms,
+    params: SessionParams,
     stop: &Stop,
     recording: &mut Recording,
     run: impl FnOnce(Met<'_>, u32, &mut Recording) -> Result<R, PlayError>,
@@ -216,18 +216,18 @@ pub(super) fn meet<R>(
     let tell = |news: News<'_>| match news {
         News::Missing(missing) if !(said || quiet) && missing.waited >= SAY_AFTER => {
             said = true;
-            eprintln!("sim-host: {missing}; still waiting");
+            eprintln!("sim-host: {missing}; {}; still waiting", hint::missing_peer(missing));
         }
         // One that was started here is not waited for: its loss is the end, and said there.
-        News::Missing(_) | News::Notice(Notice::Lost { .. }) if quiet => (),
+        News::Missing(_) | News::Notice(LinkEvent::Lost { .. }) if quiet => (),
         News::Missing(_) => (),
-        News::Notice(notice) => eprintln!("sim-host: {notice}"),
+        News::Notice(event) => eprintln!("sim-host: {}", hint::link_event(event)),
     };
     let run_id = new_run_id();
     recording.poll_policies(&domain, run_id);
     let meeting = Meeting { domain, timeout, start, run_id };
     let run = |met: Met<'_>| run(met, run_id, recording);
-    two_processes::play_by(terms, &meeting, stop, tell, run).map_err(|error| match &error {
+    two_processes::play_by(params, &meeting, stop, tell, run).map_err(|error| match &error {
         PlayError::Connect(ConnectError::Domain(DomainError::Name(_))) => misuse(error),
         PlayError::Controller(status) if status.code() == Some(2) => misuse(error),
         _ => error.into(),

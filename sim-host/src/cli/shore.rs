@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
-use leg_host::Pace;
+use leg_host::TimeMode;
 use leg_process::Stop;
 use leg_process::stdout;
 
@@ -50,7 +50,8 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let (picture, path) = begin_picture(&args.out)?;
     let scenario = Scenario::shore();
     let record = args.record.as_deref();
-    let mut recording = Recording::begin(record, &Settings::shore(), &scenario, Pace::LockStep)?;
+    let mut recording =
+        Recording::begin(record, &Settings::shore(), &scenario, TimeMode::LockStep)?;
     let mut journal = (!args.json).then(|| Journal::begin(&name, &scenario)).transpose()?;
     let mut recorder = Recorder::default();
     let stop = Stop::on_signals()?;

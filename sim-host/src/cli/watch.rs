@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use leg_host::domain::DEFAULT_DOMAIN;
+use leg_host::discovery::DEFAULT_DOMAIN;
 
 use super::misuse;
 use crate::watch::{self, WatchError};

@@ -158,7 +158,7 @@ fn a_wrong_leg_is_played_and_not_told() {
     let told = scenario("");
     let played = scenario("[[fault]]\nmass = 1.5\n[[fault]]\nstiffness = 0.5");
     assert_eq!(played.leg_model(), told.leg_model());
-    assert_eq!(played.terms(), told.terms());
+    assert_eq!(played.session_params(), told.session_params());
     let (mass_kg, stiffness_n_m) =
         (played.played_leg().parameters().mass_kg, played.played_leg().parameters().stiffness_n_m);
     assert_eq!((mass_kg, stiffness_n_m), (120.0, 10_000.0));

@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use leg_control::guard::Limits;
 use leg_host::desk::Desk;
-use leg_host::realtime::{LoopReport, Shared};
+use leg_host::realtime::{LatestReport, LoopReport};
 use leg_host::socket::SocketError;
-use leg_host::{Domain, Pace, Role};
+use leg_host::{Domain, Role, TimeMode};
 use serde::{Deserialize, Serialize};
 
 use super::board::{Board, Seen};
@@ -38,7 +38,7 @@ pub struct LegStatus {
     /// Ticks a second.
     pub rate_hz: u32,
     /// What sets the time.
-    pub pace: Pace,
+    pub pace: TimeMode,
     /// Whether it waits because it was told to.
     pub is_paused: bool,
     /// The set-point by hand, m/s.
@@ -81,17 +81,17 @@ pub(super) fn open(
     domain: &Arc<Domain>,
     board: &Arc<Board>,
     rate_hz: u32,
-    pace: Pace,
-    timing: Option<Shared>,
+    pace: TimeMode,
+    timing: Option<LatestReport>,
 ) -> Result<Desk, SocketError> {
     let board = Arc::clone(board);
     Desk::open(domain, Role::Leg, move |request: LegRequest| {
         obey(&board, pace, &request)?;
-        Ok(status(&board, rate_hz, pace, timing.as_ref().map(Shared::newest)))
+        Ok(status(&board, rate_hz, pace, timing.as_ref().map(LatestReport::get)))
     })
 }
 
-fn obey(board: &Board, pace: Pace, request: &LegRequest) -> Result<(), String> {
+fn obey(board: &Board, pace: TimeMode, request: &LegRequest) -> Result<(), String> {
     match request {
         LegRequest::Status => (),
         LegRequest::SetPoint { m_s: None } => board.order(None),
@@ -102,7 +102,7 @@ fn obey(board: &Board, pace: Pace, request: &LegRequest) -> Result<(), String> {
             }
             board.order(Some(*m_s));
         }
-        LegRequest::Pause if pace == Pace::RealTime => {
+        LegRequest::Pause if pace == TimeMode::RealTime => {
             return Err("a run in real time cannot be paused: its time does not wait".to_owned());
         }
         LegRequest::Pause => board.pause(true),
@@ -112,7 +112,7 @@ fn obey(board: &Board, pace: Pace, request: &LegRequest) -> Result<(), String> {
     Ok(())
 }
 
-fn status(board: &Board, rate_hz: u32, pace: Pace, timing: Option<LoopReport>) -> LegStatus {
+fn status(board: &Board, rate_hz: u32, pace: TimeMode, timing: Option<LoopReport>) -> LegStatus {
     let Seen {
         run_id,
         seq,
@@ -156,7 +156,8 @@ mod tests {
     #[test]
     fn orders_are_checked_and_kept() {
         let board = Board::default();
-        let order = |m_s| obey(&board, Pace::LockStep, &LegRequest::SetPoint { m_s: Some(m_s) });
+        let order =
+            |m_s| obey(&board, TimeMode::LockStep, &LegRequest::SetPoint { m_s: Some(m_s) });
         for bad in [50.5, f64::NAN, f64::NEG_INFINITY] {
             let refused = order(bad).unwrap_err();
             assert!(refused.contains("-50 to 50") && refused.contains(&bad.to_string()));
@@ -164,15 +165,15 @@ mod tests {
         assert_eq!(board.ordered(), None);
         order(-1.5).unwrap();
         assert_eq!(board.ordered(), Some(-1.5));
-        obey(&board, Pace::LockStep, &LegRequest::SetPoint { m_s: None }).unwrap();
+        obey(&board, TimeMode::LockStep, &LegRequest::SetPoint { m_s: None }).unwrap();
         assert_eq!(board.ordered(), None);
         assert!(
-            obey(&board, Pace::RealTime, &LegRequest::Pause).unwrap_err().contains("real time")
+            obey(&board, TimeMode::RealTime, &LegRequest::Pause).unwrap_err().contains("real time")
         );
-        obey(&board, Pace::LockStep, &LegRequest::Pause).unwrap();
-        assert!(status(&board, 1000, Pace::LockStep, None).is_paused);
-        obey(&board, Pace::LockStep, &LegRequest::Resume).unwrap();
-        obey(&board, Pace::LockStep, &LegRequest::Quit).unwrap();
+        obey(&board, TimeMode::LockStep, &LegRequest::Pause).unwrap();
+        assert!(status(&board, 1000, TimeMode::LockStep, None).is_paused);
+        obey(&board, TimeMode::LockStep, &LegRequest::Resume).unwrap();
+        obey(&board, TimeMode::LockStep, &LegRequest::Quit).unwrap();
         assert!(board.is_ended() && !board.is_paused());
     }
 

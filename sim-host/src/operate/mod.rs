@@ -11,10 +11,10 @@ mod desk;
 use std::sync::Arc;
 
 use leg_host::desk::Desk;
-use leg_host::domain::DomainError;
-use leg_host::realtime::Shared;
+use leg_host::discovery::DomainError;
+use leg_host::realtime::LatestReport;
 use leg_host::socket::SocketError;
-use leg_host::{Domain, Pace};
+use leg_host::{Domain, TimeMode};
 use leg_process::Stop;
 
 use crate::session::{Hooks, Leg, TickRecord};
@@ -53,9 +53,9 @@ impl Operated {
     pub fn open(
         domain: &str,
         rate_hz: u32,
-        pace: Pace,
+        pace: TimeMode,
         stop: &Stop,
-        timing: Option<Shared>,
+        timing: Option<LatestReport>,
     ) -> Result<Self, OperateError> {
         let board = Arc::new(Board::default());
         let desk = desk::open(&Domain::join(domain)?, &board, rate_hz, pace, timing)?;

@@ -4,8 +4,8 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use leg_control::policy;
 use leg_control::wire::WIRE_VERSION;
-use leg_host::Pace;
-use leg_host::realtime::{Row, Word};
+use leg_host::TimeMode;
+use leg_host::realtime::{RxStatus, TickStats};
 
 use super::schema::{Config, End, Loop, Policy};
 use crate::scenario::{Scenario, Settings};
@@ -24,7 +24,7 @@ impl Config {
     pub fn of(
         settings: &Settings,
         scenario: &Scenario,
-        pace: Pace,
+        pace: TimeMode,
     ) -> Result<Self, toml::ser::Error> {
         let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         Ok(Self {
@@ -34,8 +34,8 @@ impl Config {
             rate_hz: scenario.rate_hz,
             gravity_m_s2: scenario.controller_gravity_m_s2(),
             pace: match pace {
-                Pace::LockStep => LOCK_STEP,
-                Pace::RealTime => REAL_TIME,
+                TimeMode::LockStep => LOCK_STEP,
+                TimeMode::RealTime => REAL_TIME,
             }
             .to_owned(),
             command_line: std::env::args_os().map(|a| a.to_string_lossy().into_owned()).collect(),
@@ -57,14 +57,14 @@ impl Policy {
 impl Loop {
     /// Describes the timing of a tick of the leg's loop.
     #[must_use]
-    pub fn of(row: &Row) -> Self {
+    pub fn of(tick: &TickStats) -> Self {
         Self {
-            seq: row.seq,
-            lateness_ns: i64::try_from(row.lateness_ns).unwrap_or(i64::MAX),
-            tick_ns: row.work_ns,
-            sample_age_ns: row.sample_age_ns.unwrap_or(0),
-            round_trip_ns: row.round_trip_ns.unwrap_or(0),
-            flags: u32::from(row.word == Word::Stale) | u32::from(row.safe) << 1,
+            seq: tick.seq,
+            lateness_ns: i64::try_from(tick.lateness_ns).unwrap_or(i64::MAX),
+            tick_ns: tick.work_ns,
+            sample_age_ns: tick.sample_age_ns.unwrap_or(0),
+            round_trip_ns: tick.round_trip_ns.unwrap_or(0),
+            flags: u32::from(tick.rx == RxStatus::Stale) | u32::from(tick.safe) << 1,
         }
     }
 }

@@ -14,9 +14,9 @@ use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
 use leg_control::config::{Config as Law, ConfigError};
-use leg_control::wire_controller::WireController;
 use leg_control::policy::{ParseError, Policy};
 use leg_control::wire::Command;
+use leg_control::wire_controller::WireController;
 use leg_process::policy_file::{AlignedBytes, PolicyFile, PolicyFileError};
 
 use crate::record::read::ReadError;

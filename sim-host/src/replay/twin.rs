@@ -10,9 +10,9 @@
 
 use std::collections::VecDeque;
 
-use leg_control::wire_controller::WireController;
 use leg_control::policy::Policy;
 use leg_control::wire::{Command, Sample};
+use leg_control::wire_controller::WireController;
 
 use super::compare::{Difference, difference};
 use super::recorded;

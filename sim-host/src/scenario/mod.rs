@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use leg_control::config::RATE_HZ;
 use leg_control::guard::Limits;
 use leg_control::leg::LegModel;
-use leg_host::Terms;
+use leg_host::SessionParams;
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::{Rng, SeedableRng};
 
@@ -102,8 +102,8 @@ impl Scenario {
 
     /// What to tell a controller in another process, before the first message.
     #[must_use]
-    pub fn terms(&self) -> Terms {
-        Terms::at(self.rate_hz)
+    pub fn session_params(&self) -> SessionParams {
+        SessionParams::at(self.rate_hz)
             .with_gravity(self.controller_gravity_m_s2())
             .with_leg(&self.leg_model())
     }

@@ -82,8 +82,14 @@ fn a_leg_may_be_given_by_its_parameters() {
 fn a_controller_is_told_gravity_and_leg() {
     let moon = Scenario::from_settings(&Settings::from_toml("medium = \"moon\"").unwrap()).unwrap();
     assert_eq!(moon.leg_model(), LegModel::HUMAN, "the same figures on both sides");
-    assert_eq!(moon.terms(), Terms::at(1000).with_gravity(1.62).with_leg(&LegModel::HUMAN));
-    assert_ne!(Scenario { leg: Leg::crab(), ..moon.clone() }.terms().leg, moon.terms().leg);
+    assert_eq!(
+        moon.session_params(),
+        SessionParams::at(1000).with_gravity(1.62).with_leg(&LegModel::HUMAN)
+    );
+    assert_ne!(
+        Scenario { leg: Leg::crab(), ..moon.clone() }.session_params().leg,
+        moon.session_params().leg
+    );
 }
 
 #[test]

@@ -1,6 +1,5 @@
 //! The command in force at the leg, also when the next one is late.
 
-
 use leg_control::wire::{Command, Header, WIRE_VERSION};
 
 use leg_plant::LegCommand;

@@ -138,12 +138,12 @@ fn ask(
     let mut since = None;
     loop {
         let Some(command) = link.receive(left).map_err(broken)? else {
-            if link.is_settled() {
+            if link.expects_no_reply() {
                 return Ok(None);
             }
             return Err(SessionError::NoAnswer { tick, waited_s: timeout.as_secs_f64() });
         };
-        if leg.is_answered_by(&command) || link.is_settled() {
+        if leg.is_answered_by(&command) || link.expects_no_reply() {
             return Ok(Some(command));
         }
         leg.refuse(&command);

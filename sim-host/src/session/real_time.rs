@@ -14,7 +14,7 @@ mod task;
 use std::time::{Duration, Instant};
 
 use crate::faults::stage::Faulty;
-use leg_host::realtime::{LoopReport, drive::Options as LoopOptions, run as run_loop};
+use leg_host::realtime::{LoopOptions, LoopReport, run as run_loop};
 use leg_host::{LegLink, LinkError};
 use leg_process::Stop;
 

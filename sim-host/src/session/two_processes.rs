@@ -5,11 +5,11 @@ use std::io;
 use std::process::ExitStatus;
 use std::time::{Duration, UNIX_EPOCH};
 
-use leg_host::domain::DomainError;
-use leg_host::patient::{Notice, Patient};
+use leg_host::discovery::DomainError;
 use leg_host::realtime::LoopReport;
-use leg_host::shm::{ConnectError, Missing, ShmLeg};
-use leg_host::{Domain, LegLink, Terms};
+use leg_host::reconnect::{LinkEvent, ReconnectingLink};
+use leg_host::shm::{ConnectError, MissingPeer, ShmLeg};
+use leg_host::{Domain, LegLink, SessionParams};
 use leg_process::Stop;
 
 use super::child::{ControllerCall, ControllerChild};
@@ -59,9 +59,9 @@ impl From<DomainError> for PlayError {
 #[derive(Clone, Copy, Debug)]
 pub enum News<'a> {
     /// Every few milliseconds: the first controller is still missing.
-    Missing(&'a Missing),
+    Missing(&'a MissingPeer),
     /// Something happened to the controller in the middle of the run.
-    Notice(&'a Notice),
+    Notice(&'a LinkEvent),
 }
 
 /// A controller that has been met.
@@ -86,11 +86,11 @@ impl<'a> Met<'a> {
     #[must_use]
     pub fn in_lock_step(self) -> impl LegLink + use<'a> {
         let Self { link, patience, tell, wanted } = self;
-        Patient::new(
+        ReconnectingLink::new(
             link,
             patience,
-            |notice: &Notice| tell(News::Notice(notice)),
-            |_: &Missing| wanted(),
+            |notice: &LinkEvent| tell(News::Notice(notice)),
+            |_: &MissingPeer| wanted(),
         )
     }
 }
@@ -124,20 +124,20 @@ pub fn play(
     observe: impl FnMut(&TickRecord),
 ) -> Result<Outcome, PlayError> {
     let options = Options { timeout: meeting.timeout, run_id: meeting.run_id };
-    let (outcome, _) = play_by(scenario.terms(), meeting, stop, tell, |met| {
+    let (outcome, _) = play_by(scenario.session_params(), meeting, stop, tell, |met| {
         Ok(lock_step::run(scenario, &mut met.in_lock_step(), options, observe)?)
     })?;
     Ok(outcome)
 }
 
-/// As [`play`], in whatever way `run` plays once the two have met on `terms`.
+/// As [`play`], in whatever way `run` plays once the two have met on `params`.
 /// Beside what came of that: the figures of a controller's loop in real time, if
 /// it was started here.
 ///
 /// # Errors
 /// As [`play`].
 pub fn play_by<R>(
-    terms: Terms,
+    params: SessionParams,
     meeting: &Meeting,
     stop: &Stop,
     mut tell: impl FnMut(News<'_>),
@@ -149,7 +149,7 @@ pub fn play_by<R>(
     let mut child =
         meeting.start.as_ref().map(ControllerChild::spawn).transpose().map_err(PlayError::Start)?;
 
-    let link = ShmLeg::connect_watching(&domain, terms, meeting.timeout, stop, |missing| {
+    let link = ShmLeg::connect_while(&domain, params, meeting.timeout, stop, |missing| {
         tell(News::Missing(missing));
         child.as_mut().is_none_or(|child| child.ended().is_none())
     });

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use leg_host::Role;
 use leg_host::desk::{self, AskError, requests};
-use leg_host::shm::{ConnectError, Observer, Players};
+use leg_host::shm::{ConnectError, Observer, Participants};
 
 use super::scene::Scene;
 use crate::operate::{LegRequest, LegStatus};
@@ -43,7 +43,7 @@ impl Feed {
     /// # Errors
     /// When the name is unfit.
     pub(super) fn begin(domain: &str) -> Result<Self, ConnectError> {
-        Players::of(domain)?;
+        Participants::of(domain)?;
         let (orders, inbox) = mpsc::channel();
         let (outbox, news) = mpsc::channel();
         let name = domain.to_owned();
@@ -89,7 +89,7 @@ impl Feed {
     /// Comes and goes with the players: who watches must not be the one for
     /// whose sake a domain stays.
     fn look(&mut self, scene: &mut Scene) {
-        let players = Players::of(&self.domain).unwrap_or_default();
+        let players = Participants::of(&self.domain).unwrap_or_default();
         scene.players = players;
         if !players.any() {
             if self.observer.take().is_some() {

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use leg_control::wire::{Command, Sample};
 use leg_host::desk::requests;
-use leg_host::shm::Players;
+use leg_host::shm::Participants;
 
 use crate::operate::LegStatus;
 
@@ -38,7 +38,7 @@ pub struct Scene {
     /// The domain that is watched.
     pub domain: String,
     /// Who plays there.
-    pub players: Players,
+    pub players: Participants,
     /// The newest sample.
     pub sample: Option<Sample>,
     /// The newest command.

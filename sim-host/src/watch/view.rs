@@ -1,6 +1,6 @@
 //! The picture of a scene.
 
-use leg_host::Pace;
+use leg_host::TimeMode;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Style, Stylize as _};
@@ -61,7 +61,7 @@ fn headline(scene: &Scene) -> Line<'_> {
     spans.push(player(scene.players.controller, "controller"));
     if let Some(leg) = &scene.leg {
         spans.push(Span::from(leg.pace.to_string()));
-        if let Some(speed) = scene.speed.filter(|_| leg.pace == Pace::LockStep) {
+        if let Some(speed) = scene.speed.filter(|_| leg.pace == TimeMode::LockStep) {
             spans.push(Span::from(format!(", {speed:.1} times real time")));
         }
         if leg.is_paused {
@@ -245,7 +245,7 @@ fn controller_lines(scene: &Scene) -> Vec<Line<'static>> {
         count("missing", rejected.missing.into()),
         count("stale", rejected.stale.into()),
         count("safe entered", rejected.safe_entered.into()),
-        count("peer lost", status.peer.lost),
+        count("peer lost", status.peer.losses),
     ]);
     lines
 }

@@ -90,7 +90,8 @@ fn a_killed_controller_is_reported_and_may_be_started_again() {
         controller.kill();
         let simulator = simulator.end();
         let died = format!("the controller (process {pid}) died");
-        simulator.assert(1, &[&died, "start it again", "none has come for 1.0 s", "--timeout"]);
+        simulator
+            .assert(1, &[&died, "start it again", "no other connected within 1.0 s", "--timeout"]);
         assert!(simulator.took < SOON, "{:?}", simulator.took);
         place.assert_clean();
     }
@@ -129,7 +130,7 @@ fn a_peer_may_be_started_anew_while_the_killed_one_is_still_unnoticed() {
     simulator.signal(Signal::INT);
     let simulator = simulator.end();
     simulator.assert(1, &["stopped by a signal"]);
-    for said in ["has taken its place", "is back"] {
+    for said in ["has taken its role", "is back"] {
         assert_eq!(simulator.err.matches(said).count(), 1, "{}", simulator.err);
     }
     successor.end().assert(1, &["left before the run was over"]);

@@ -19,7 +19,7 @@ fn assert_adds_up(figures: &Value, role: &str) {
     let count = |key| count(figures, key);
     assert_eq!(figures["role"], role);
     assert_eq!(figures["rate_hz"], 1000);
-    let kinds = count("idle") + count("heard") + count("stale") + count("missed");
+    let kinds = count("idle") + count("received") + count("stale") + count("missed");
     assert_eq!(kinds, count("ticks"), "{figures}");
     let played = count("ticks") - count("missed");
     for key in ["lateness_us", "tick_time_us", "sample_age_us", "round_trip_us"] {
@@ -28,10 +28,10 @@ fn assert_adds_up(figures: &Value, role: &str) {
             ["p50", "p90", "p99", "p99_9", "max"].map(|q| figures[key][q].as_f64().unwrap());
         assert!(quantiles.is_sorted() && quantiles[4] > 0.0, "{key}: {q}");
     }
-    assert_eq!(figures["lateness_us"]["count"], played - count("dropped_rows"));
+    assert_eq!(figures["lateness_us"]["count"], played - count("dropped_records"));
     let bars = figures["lateness_histogram"].as_array().unwrap();
     let in_bars: u64 = bars.iter().map(|bar| bar["ticks"].as_u64().unwrap()).sum();
-    assert_eq!(in_bars, played - count("dropped_rows"));
+    assert_eq!(in_bars, played - count("dropped_records"));
 }
 
 #[test]
@@ -55,7 +55,7 @@ fn two_processes_hop_by_the_clock_and_say_how_it_went() {
 
     let of_controller = json(&controller.out);
     assert_adds_up(&of_controller["loop"], "controller");
-    assert_eq!(of_controller["ticks"], of_controller["loop"]["heard"]);
+    assert_eq!(of_controller["ticks"], of_controller["loop"]["received"]);
     place.assert_clean();
 }
 

@@ -8,7 +8,7 @@ use leg_control::config::Config as Law;
 use leg_control::policy::{Policy, SHIPPED};
 use leg_control::wire::{Command, Sample};
 use leg_control::wire_controller::WireController;
-use leg_host::Pace;
+use leg_host::TimeMode;
 use leg_host::memory::Inline;
 use leg_process::policy_file::AlignedBytes;
 use rustix::process::Signal;
@@ -69,7 +69,7 @@ fn record(
 ) -> Vec<(Sample, Command)> {
     let settings = Settings::from_toml(&format!("duration_s = {seconds}.0")).unwrap();
     let scenario = Scenario::from_settings(&settings).unwrap();
-    let config = Config::of(&settings, &scenario, Pace::LockStep).unwrap();
+    let config = Config::of(&settings, &scenario, TimeMode::LockStep).unwrap();
     let (recorder, mut tap) =
         Recorder::begin_with(Path::new(PROGRAM), path, &config, OnFull::Wait).unwrap();
     for policy in policies {
@@ -162,7 +162,7 @@ fn a_scenario_is_recorded_as_a_file_that_says_the_same() {
                 area_y_m2 = 0.2\ndrag_x = 1.0\ndrag_y = 0.9\n";
     let settings = Settings::from_toml(text).unwrap();
     let scenario = Scenario::from_settings(&settings).unwrap();
-    let config = Config::of(&settings, &scenario, Pace::RealTime).unwrap();
+    let config = Config::of(&settings, &scenario, TimeMode::RealTime).unwrap();
     assert_eq!(Settings::from_toml(&config.scenario_toml).unwrap(), settings);
     assert_eq!((config.rate_hz, config.gravity_m_s2, &*config.pace), (500, 1.62, "real-time"));
 }

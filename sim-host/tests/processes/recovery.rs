@@ -66,8 +66,8 @@ fn a_controller_that_is_stopped_and_goes_on_leaves_the_run_as_it_was() {
     let (simulator, controller) = (simulator.end(), controller.end());
     assert_eq!(simulator.assert_ok().state_hash(), within.assert_ok().state_hash());
     let err = &simulator.err;
-    assert_eq!(count(err, "the controller lives but has said nothing for 1 s"), 1, "{err}");
-    assert_eq!((count(err, "answers again"), err.lines().count()), (1, 2), "{err}");
+    assert_eq!(count(err, "the controller is alive but has sent nothing for 1 s"), 1, "{err}");
+    assert_eq!((count(err, "sends again after"), err.lines().count()), (1, 2), "{err}");
     let err = &controller.assert_ok().err;
     assert_eq!(count(err, "the simulator lives but has sent nothing for 1 s"), 1, "{err}");
     assert_eq!((count(err, "goes on"), err.lines().count()), (1, 2), "{err}");
@@ -97,7 +97,7 @@ fn a_controller_stays_for_run_after_run_whatever_becomes_of_them() {
     assert_eq!(run.assert_ok().state_hash(), within.state_hash(), "as if nothing had been");
     let status = place.status();
     assert_eq!(status["pid"], pid);
-    assert!(status["peer"]["met"].as_u64() == Some(4), "{status}");
+    assert!(status["peer"]["connections"].as_u64() == Some(4), "{status}");
 
     controller.signal(Signal::TERM);
     let controller = controller.end();
@@ -123,7 +123,7 @@ fn a_peer_of_another_wire_version_is_refused_by_name() {
     };
     let (held, path) = card("leg");
     let controller = place.controller(&PATIENT).end();
-    let parts = ["the simulator speaks version 9", "this program version 1", "the same release"];
+    let parts = ["the simulator uses version 9", "this program version 1", "the same release"];
     controller.assert(1, &parts);
     // One that stays says so once, if it was there first.
     fs::remove_file(path).unwrap();
@@ -135,13 +135,13 @@ fn a_peer_of_another_wire_version_is_refused_by_name() {
     staying.signal(Signal::TERM);
     let staying = staying.end();
     let err = &staying.assert_ok().err;
-    assert_eq!(count(err, "the simulator speaks version 9"), 1, "{err}");
+    assert_eq!(count(err, "the simulator uses version 9"), 1, "{err}");
     fs::remove_file(path).unwrap();
     drop(held);
 
     let (held, path) = card("controller");
     let simulator = place.simulator(&PATIENT).end();
-    simulator.assert(1, &["the controller speaks version 9", "this program version 1"]);
+    simulator.assert(1, &["the controller uses version 9", "this program version 1"]);
     fs::remove_file(path).unwrap();
     drop((held, domain));
     place.assert_clean();

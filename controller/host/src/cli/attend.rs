@@ -3,16 +3,17 @@
 use std::time::Duration;
 
 use super::beside::{Beside, Reload};
+use super::hint::{self, with_hint};
 use super::{Args, CliError, SAY_AFTER, Summary, other_leg, say};
-use crate::card::Pace;
+use crate::TimeMode;
 use crate::link::LinkError;
 use crate::office::{Office, Windows};
 use crate::operated::Operated;
-use crate::realtime::Shared;
+use crate::realtime::LatestReport;
 use crate::serve::{ServeError, serve_patiently};
 use crate::shelf;
 use crate::shm::{ConnectError, ShmController};
-use crate::{Domain, Terms};
+use crate::{Domain, SessionParams};
 use leg_control::config::Config;
 use leg_process::Stop;
 use leg_process::policy_file::PolicyFile;
@@ -35,17 +36,17 @@ pub(super) struct Attendant {
 /// Runs the controller: until a signal ends it or, with `--once`, for one run.
 /// `tell` hears what each run has come to; in real time, all of them.
 pub(super) fn run(args: &Args, tell: impl FnMut(&Summary)) -> Result<(), CliError> {
-    let figures = Shared::default();
+    let figures = LatestReport::default();
     let attendant = Attendant::begin(args, &figures)?;
     match args.pace() {
-        Pace::LockStep => attendant.attend(tell),
-        Pace::RealTime => attendant.attend_in_real_time(args, figures, tell),
+        TimeMode::LockStep => attendant.attend(tell),
+        TimeMode::RealTime => attendant.attend_in_real_time(args, figures, tell),
     }
 }
 
 impl Attendant {
     /// Takes the role, and opens the desk.
-    fn begin(args: &Args, figures: &Shared) -> Result<Self, CliError> {
+    fn begin(args: &Args, figures: &LatestReport) -> Result<Self, CliError> {
         let config = Config::at_rate(args.rate)?.with_gravity(args.gravity)?;
         let blob = PolicyFile::load(args.policy.as_deref())?;
         let leg = blob.policy()?.manifest().leg;
@@ -60,19 +61,19 @@ impl Attendant {
         };
 
         let domain = Domain::join(args.meeting.domain())?;
-        let terms = Terms::at(args.rate).with_gravity(args.gravity).with_leg(&leg);
-        let terms = terms.with_pace(args.pace());
-        let link = ShmController::open(&domain, terms, &stop)?;
-        let keeper = link.keeper();
+        let params = SessionParams::at(args.rate).with_gravity(args.gravity).with_leg(&leg);
+        let params = params.with_time_mode(args.pace());
+        let link = ShmController::open(&domain, params, &stop)?;
+        let monitor = link.monitor();
         let windows = Windows {
-            peer: Box::new(move || keeper.status()),
+            peer: Box::new(move || monitor.status()),
             timing: match args.pace() {
-                Pace::LockStep => None,
-                Pace::RealTime => Some(figures.clone()),
+                TimeMode::LockStep => None,
+                TimeMode::RealTime => Some(figures.clone()),
             },
         };
         let file = blob.path().display().to_string();
-        let (controller, office) = Office::open(policy, &file, config, terms, windows);
+        let (controller, office) = Office::open(policy, &file, config, params, windows);
         let beside = Beside::open(&domain, office, reload, &stop);
         Ok(Self {
             _beside: beside,
@@ -93,8 +94,9 @@ impl Attendant {
             match self.wait() {
                 Ok(()) => (),
                 Err(ConnectError::Stopped(_)) if !self.once => return Ok(()),
-                Err(cause) if cause.is_misfit() && !self.once => {
-                    say(format_args!("{cause}; still waiting"));
+                Err(cause) if cause.is_disagreement() && !self.once => {
+                    let message = with_hint(&cause, hint::connect_error(&cause));
+                    say(format_args!("{message}; still waiting"));
                     continue;
                 }
                 Err(cause) => return Err(cause.into()),
@@ -110,10 +112,13 @@ impl Attendant {
                 Err(ServeError::Link { ticks: 0, cause: LinkError::Stopped }) if !self.once => {
                     return Ok(());
                 }
-                Err(ServeError::Link { ticks, cause }) if !self.once && cause.lost().is_some() => {
+                Err(ServeError::Link { ticks, cause })
+                    if !self.once && cause.lost_peer().is_some() =>
+                {
                     // One whose run is over has said so before.
-                    if cause.lost() != self.farewell {
-                        say(format_args!("after {ticks} ticks: {cause}; waiting for the next"));
+                    if cause.lost_peer() != self.farewell {
+                        let message = with_hint(&cause, hint::link_error(&cause));
+                        say(format_args!("after {ticks} ticks: {message}; waiting for the next"));
                     }
                 }
                 Err(cause) => return Err(cause.into()),
@@ -128,7 +133,7 @@ impl Attendant {
         let peer = self.link.wait_for_peer(self.patience, |missing| {
             if !*said && missing.waited >= SAY_AFTER {
                 *said = true;
-                say(format_args!("{missing}; still waiting"));
+                say(format_args!("{missing}; {}; still waiting", hint::missing_peer(missing)));
             }
             true
         })?;

@@ -10,10 +10,10 @@ use serde::de::DeserializeOwned;
 
 use super::{Meeting, say};
 use crate::Role;
-use crate::card::Pace;
+use crate::TimeMode;
 use crate::desk::requests::{Activity, Moment, Request, Status, Swapping};
 use crate::desk::{self, AskError};
-use crate::domain::DomainError;
+use crate::discovery::DomainError;
 use leg_process::policy_file::{PolicyFile, PolicyFileError};
 use leg_process::stdout;
 
@@ -157,7 +157,7 @@ struct Table<'a>(&'a Status);
 impl fmt::Display for Table<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let s = self.0;
-        let pace = if s.pace == Pace::RealTime { "in real time" } else { "in lock-step" };
+        let pace = if s.pace == TimeMode::RealTime { "in real time" } else { "in lock-step" };
         writeln!(
             f,
             "controller  process {}, {} Hz {pace}, {} m/s2",
@@ -169,7 +169,11 @@ impl fmt::Display for Table<'_> {
             Activity::Running => "runs",
         };
         let peer = s.peer.pid.map_or_else(String::new, |pid| format!(", process {pid}"));
-        writeln!(f, "state       {activity}{peer}; legs met {}, lost {}", s.peer.met, s.peer.lost)?;
+        writeln!(
+            f,
+            "state       {activity}{peer}; legs met {}, lost {}",
+            s.peer.connections, s.peer.losses
+        )?;
         let p = &s.policy;
         writeln!(f, "policy      {} ({}), from {}", p.name, p.crc32, p.file)?;
         writeln!(f, "            {}", p.provenance)?;

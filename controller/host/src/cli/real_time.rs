@@ -1,10 +1,11 @@
 //! The controller process in real time.
 
 use super::attend::{Attendant, summary};
-use super::{Args, CliError, Summary, other_leg, say};
+use super::{Args, CliError, Summary, hint, other_leg, say};
 use crate::Role;
 use crate::link::LinkError;
-use crate::realtime::{self, Ends, Served, Shared};
+use crate::realtime::{self, ExitOn, LatestReport, ServeOutcome};
+use crate::shm::PeerEvent;
 use leg_control::policy::Manifest;
 
 impl Attendant {
@@ -12,29 +13,41 @@ impl Attendant {
     pub(super) fn attend_in_real_time(
         mut self,
         args: &Args,
-        figures: Shared,
+        figures: LatestReport,
         mut tell: impl FnMut(&Summary),
     ) -> Result<(), CliError> {
         if self.once {
             self.wait()?;
         }
         let once = self.once;
-        let ends = if once { Ends::AtFarewell } else { Ends::Never };
+        let exit_on = if once { ExitOn::EndOfRun } else { ExitOn::StopSignal };
         let options = args.real_time.options(Role::Controller, args.rate, figures);
         let manifest: Manifest<'static> = self.controller.controller().policy().manifest().clone();
-        let greet = move |peer: crate::shm::Peer| {
-            if let Some(warning) = other_leg(&manifest, peer.leg) {
+        let on_event = move |event: &PeerEvent| {
+            if let PeerEvent::Connected(peer) = event
+                && let Some(warning) = other_leg(&manifest, peer.leg)
+            {
                 say(warning);
             }
+            if let Some(message) = hint::peer_event(event) {
+                say(message);
+            }
         };
-        let (gave_up, look) = realtime::watch(&self.link, &self.stop, self.patience, greet);
-        let Served { ended, samples, last, report } =
-            realtime::serve(self.link, &mut self.controller, ends, &options, &self.stop, look);
+        let (lost_peer, supervise) =
+            realtime::supervise_peer(&self.link, &self.stop, self.patience, on_event);
+        let ServeOutcome { ended, samples, last, report } = realtime::serve(
+            self.link,
+            &mut self.controller,
+            exit_on,
+            &options,
+            &self.stop,
+            supervise,
+        );
         tell(&Summary {
             real_time: Some(report),
             ..summary(&self.controller, samples, last.apexes)
         });
-        match gave_up.get().cloned().map_or(ended, Err) {
+        match lost_peer.get().cloned().map_or(ended, Err) {
             // For one that stays, the way to end.
             Err(LinkError::Stopped) if !once => Ok(()),
             ended => Ok(ended?),

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use super::super::card::Pace;
+use super::super::link::{PeerStatus, TimeMode};
 use super::super::realtime::LoopReport;
 
 /// A request to the controller.
@@ -100,17 +100,6 @@ pub struct Rejected {
     pub safe_entered: u32,
 }
 
-/// The peer at the other end of the link.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct PeerStatus {
-    /// Its process, when there is one.
-    pub pid: Option<u32>,
-    /// Times that one was met.
-    pub met: u64,
-    /// Times that one was lost.
-    pub lost: u64,
-}
-
 /// How a controller is doing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Status {
@@ -121,7 +110,7 @@ pub struct Status {
     /// Gravity that it counts with, m/s2.
     pub gravity_m_s2: f32,
     /// What sets the time.
-    pub pace: Pace,
+    pub pace: TimeMode,
     /// What it does.
     pub activity: Activity,
     /// The policy in force.

@@ -9,7 +9,7 @@ fn open() -> (Operated, Office) {
     let windows = Windows { peer: Box::new(PeerStatus::default), timing: None };
     let policy = shelf::keep(SHIPPED).unwrap();
     let config = Config::at_rate(1000).unwrap();
-    Office::open(policy, "the shipped policy", config, Terms::at(1000), windows)
+    Office::open(policy, "the shipped policy", config, SessionParams::at(1000), windows)
 }
 
 fn other() -> Vec<u8> {

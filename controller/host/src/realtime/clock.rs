@@ -1,45 +1,46 @@
-//! The clock of a loop: now, and waiting for an instant.
+//! The clock of a loop.
 
 use std::time::Duration;
 
 use rustix::thread::{ClockId as SleepClock, clock_nanosleep_absolute};
 use rustix::time::{ClockId, Timespec, clock_gettime};
 
-/// How long before a tick a loop wakes, and spins for the rest: longer than
-/// most wake-ups are late.
-pub const SPIN: Duration = Duration::from_micros(100);
-/// The most of a tick that is spun away, as a divisor. A real-time thread that
-/// never slept would be stopped by the kernel, for 50 ms of every second.
-const SPIN_AT_MOST: u64 = 4;
+/// Default time for which a loop spins before each tick: longer than most wake-ups
+/// are late.
+pub const DEFAULT_SPIN: Duration = Duration::from_micros(100);
+/// Longest spin, as a divisor of the period. The kernel throttles a real-time thread
+/// that never sleeps, for 50 ms of every second.
+const MAX_SPIN_DIVISOR: u64 = 4;
 
-/// Time, as a loop sees it.
+/// The clock of a loop. Tests replace it by a simulated one.
 pub trait Clock {
-    /// Now, ns since the clock's zero.
+    /// Returns the current time, ns since the clock's zero.
     fn now_ns(&self) -> u64;
-    /// Waits for an instant; returns at once when it is over.
+    /// Waits until `instant_ns`. Returns immediately if it has passed.
     fn wait_until_ns(&self, instant_ns: u64);
-    /// Processor time of this thread so far, ns: what it has worked, and not
-    /// what the machine has made it wait.
-    fn own_ns(&self) -> u64;
+    /// Returns the processor time of this thread, ns: the time it has computed,
+    /// without the time it has waited for the processor.
+    fn cpu_time_ns(&self) -> u64;
 }
 
 /// The machine's monotonic clock.
 #[derive(Clone, Copy, Debug)]
-pub struct Monotonic {
+pub struct MonotonicClock {
     spin_ns: u64,
 }
 
-impl Monotonic {
-    /// The clock for a loop with ticks of `tick_ns`, waking early by `spin`, but
-    /// never by more than a quarter of a tick.
+impl MonotonicClock {
+    /// Creates the clock of a loop with the period `tick_ns`. Waits sleep until
+    /// `spin` before the instant, at most a quarter of a period, and spin for the
+    /// rest.
     #[must_use]
     pub fn new(spin: Duration, tick_ns: u64) -> Self {
         let spin_ns = u64::try_from(spin.as_nanos()).unwrap_or(u64::MAX);
-        Self { spin_ns: spin_ns.min(tick_ns / SPIN_AT_MOST) }
+        Self { spin_ns: spin_ns.min(tick_ns / MAX_SPIN_DIVISOR) }
     }
 }
 
-impl Clock for Monotonic {
+impl Clock for MonotonicClock {
     fn now_ns(&self) -> u64 {
         ns(clock_gettime(ClockId::Monotonic))
     }
@@ -50,8 +51,8 @@ impl Clock for Monotonic {
             tv_sec: (wake_ns / 1_000_000_000).cast_signed(),
             tv_nsec: (wake_ns % 1_000_000_000).cast_signed(),
         };
-        // Again after a signal: the instant is absolute. (An instant in the past
-        // returns at once.) Another error cannot be; the spin would bridge it.
+        // Sleep again after a signal; the instant is absolute, and one in the past returns at
+        // once. No other error can occur, and the spin would bridge it.
         while let Err(rustix::io::Errno::INTR) =
             clock_nanosleep_absolute(SleepClock::Monotonic, &wake)
         {}
@@ -60,7 +61,7 @@ impl Clock for Monotonic {
         }
     }
 
-    fn own_ns(&self) -> u64 {
+    fn cpu_time_ns(&self) -> u64 {
         ns(clock_gettime(ClockId::ThreadCPUTime))
     }
 }
@@ -74,17 +75,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_never_returns_early_and_knows_work_from_waiting() {
-        let clock = Monotonic::new(SPIN, 1_000_000);
-        let (start_ns, own_ns) = (clock.now_ns(), clock.own_ns());
+    fn waits_never_end_early_and_cpu_time_excludes_sleep() {
+        let clock = MonotonicClock::new(DEFAULT_SPIN, 1_000_000);
+        let (start_ns, cpu_start_ns) = (clock.now_ns(), clock.cpu_time_ns());
         for i in 1..=20 {
             let instant_ns = start_ns + i * 2_000_000;
             clock.wait_until_ns(instant_ns);
             assert!(clock.now_ns() >= instant_ns);
         }
-        let worked_ns = clock.own_ns() - own_ns;
-        // At most a quarter of a tick of 1 ms is spun, 20 times; the rest is slept.
-        assert!(worked_ns < 20_000_000, "{worked_ns} ns of 40 ms");
+        let cpu_ns = clock.cpu_time_ns() - cpu_start_ns;
+        // Each of the 20 waits spins for at most a quarter of 1 ms and sleeps for the rest.
+        assert!(cpu_ns < 20_000_000, "{cpu_ns} ns of 40 ms");
         clock.wait_until_ns(0);
     }
 }

@@ -1,5 +1,4 @@
-//! What a loop asks of the system: to go first, to stay on a processor, to have
-//! its memory at hand.
+//! Privileges of a loop's thread: real-time priority, a fixed processor, locked memory.
 
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::process::{Resource, getrlimit};
@@ -13,20 +12,20 @@ use thread_priority::unix::{
 };
 use thread_priority::{ThreadPriority, ThreadPriorityValue};
 
-/// Lowest and highest priority of a real-time thread.
+/// Range of the priorities of real-time threads.
 pub const PRIORITIES: std::ops::RangeInclusive<u8> = 1..=99;
 
-/// What a loop asks for. All of it is taken when allowed; without, the loop runs
-/// all the same, and its figures tell.
+/// The privileges that a loop requests. Each is acquired if the system permits it;
+/// without them the loop runs with later ticks, which its report shows.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Privileges {
     /// Priority under `SCHED_FIFO`, within [`PRIORITIES`].
     pub priority: Option<u8>,
-    /// The processor to stay on.
+    /// The processor to run on.
     pub cpu: Option<usize>,
 }
 
-/// The processors on which this process may run.
+/// Returns the processors on which this process may run.
 #[must_use]
 pub fn allowed_cpus() -> Vec<usize> {
     let set = sched_getaffinity(None).unwrap_or_else(|_| CpuSet::new());
@@ -34,13 +33,14 @@ pub fn allowed_cpus() -> Vec<usize> {
 }
 
 impl Privileges {
-    /// Takes for this thread, to its end, what is asked for (locked memory: for
-    /// the process, and always), and gives a warning about the rest, with the
-    /// remedy. Threads that it starts from then on inherit it.
+    /// Acquires the privileges for this thread, and locks the memory of the process in
+    /// any case. Returns a warning about what the system refused, with the remedy.
+    /// Threads that this thread starts later inherit the privileges.
     #[must_use]
-    pub fn take(&self) -> Option<String> {
+    pub fn acquire(&self) -> Option<String> {
         let mut refused = Vec::new();
-        // Always allowed: without it, an ordinary thread sleeps up to 50 us too long.
+        // Needs no privilege. With the default slack, an ordinary thread sleeps up to 50 us too
+        // long.
         let _ = set_current_timer_slack(std::num::NonZeroU64::new(1));
         if let Some(cpu) = self.cpu {
             let mut set = CpuSet::new();
@@ -65,17 +65,17 @@ fn warning(refused: &[String]) -> Option<String> {
     (!refused.is_empty()).then(|| {
         let program = std::env::current_exe().unwrap_or_default();
         format!(
-            "warning: the system does not give the loop {}; it runs all the same, with later \
-             ticks. Remedy: `sudo setcap cap_sys_nice,cap_ipc_lock+ep {}`, or `rtprio` and \
-             `memlock` for your user in /etc/security/limits.conf and a new login",
+            "warning: the system refuses the loop {}; it runs without, with later ticks. Remedy: \
+             `sudo setcap cap_sys_nice,cap_ipc_lock+ep {}`, or `rtprio` and `memlock` for your \
+             user in /etc/security/limits.conf and a new login",
             refused.join(", "),
             program.display()
         )
     })
 }
 
-/// Locks the memory that there is; and all that comes, where nothing limits it.
-/// (Under a limit, a later allocation would fail instead.)
+/// Locks the present memory and, if there is no limit, all future memory. (Under a
+/// limit, a later allocation would fail instead.)
 fn lock_memory() -> rustix::io::Result<()> {
     let unlimited = getrlimit(Resource::Memlock).current.is_none()
         || capabilities(None).is_ok_and(|sets| sets.effective.contains(CapabilitySet::IPC_LOCK));
@@ -105,7 +105,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_warning_names_all_that_was_refused_and_the_remedy() {
+    fn one_warning_names_all_refused_privileges_and_the_remedy() {
         assert_eq!(warning(&[]), None);
         let refused = ["locked memory (x)".to_owned(), "SCHED_FIFO priority 5 (y)".to_owned()];
         let warning = warning(&refused).unwrap();
@@ -115,10 +115,10 @@ mod tests {
     }
 
     #[test]
-    fn a_thread_stays_on_its_processor() {
+    fn a_thread_runs_only_on_its_processor() {
         let last = *allowed_cpus().last().unwrap();
         std::thread::spawn(move || {
-            let _ = Privileges { cpu: Some(last), priority: None }.take();
+            let _ = Privileges { cpu: Some(last), priority: None }.acquire();
             assert_eq!(allowed_cpus(), [last]);
         })
         .join()

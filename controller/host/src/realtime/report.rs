@@ -1,26 +1,26 @@
-//! The figures of a loop: for a script, for a person, and for one line.
+//! The report on a loop: as JSON, as a table, and in one line.
 
 use std::fmt;
 
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 
-use super::row::Counters;
+use super::tick_stats::LoopCounters;
 
-/// Quantiles of a time, us; 0 where nothing was measured.
+/// Quantiles of a time, us; 0 without measurements.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct QuantilesUs {
-    /// Half are shorter.
+    /// Median.
     pub p50: f64,
-    /// One in ten is longer.
+    /// 90th percentile.
     pub p90: f64,
-    /// One in a hundred is longer.
+    /// 99th percentile.
     pub p99: f64,
-    /// One in a thousand is longer.
+    /// 99.9th percentile.
     pub p99_9: f64,
-    /// The longest.
+    /// Maximum.
     pub max: f64,
-    /// How many were measured.
+    /// Number of measurements.
     pub count: u64,
 }
 
@@ -38,70 +38,71 @@ impl QuantilesUs {
     }
 }
 
-/// A bar of a histogram: the ticks above the bar before it, up to this.
+/// A bin of a histogram. Its lower bound is the upper bound of the bin before.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Bar {
-    /// Upper end, us.
+pub struct HistogramBin {
+    /// Upper bound, us, included.
     pub up_to_us: f64,
-    /// How many.
+    /// Number of ticks in the bin.
     pub ticks: u64,
 }
 
-/// Bars at 1, 2, 5, 10, 20, … us, from the first to the last that is not empty.
-pub(super) fn bars(times_ns: &Histogram<u64>) -> Vec<Bar> {
+/// Returns bins with the upper bounds 1, 2, 5, 10, 20, … us, from the first to the last
+/// that is not empty.
+pub(super) fn bins(times_ns: &Histogram<u64>) -> Vec<HistogramBin> {
     if times_ns.is_empty() {
         return Vec::new();
     }
-    let mut bars = Vec::new();
+    let mut bins = Vec::new();
     let mut below = 0;
     for decade in 0..8 {
         for step in [1_u64, 2, 5] {
             let up_to_us = step * 10_u64.pow(decade);
             let ticks = times_ns.count_between(0, up_to_us * 1000) - below;
             below += ticks;
-            if ticks > 0 || !bars.is_empty() {
-                bars.push(Bar { up_to_us: up_to_us as f64, ticks });
+            if ticks > 0 || !bins.is_empty() {
+                bins.push(HistogramBin { up_to_us: up_to_us as f64, ticks });
             }
             if below == times_ns.len() {
-                return bars;
+                return bins;
             }
         }
     }
-    bars
+    bins
 }
 
-/// The figures of a loop. In JSON by these names, the counters among them.
+/// The report on a loop. In JSON, the counters stand among the other fields.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LoopReport {
-    /// Whose: `leg` or `controller`.
+    /// Role of the loop: `leg` or `controller`.
     pub role: String,
-    /// Ticks a second.
+    /// Tick rate, Hz.
     pub rate_hz: u32,
-    /// Since the first tick, s.
+    /// Time since the first tick, s.
     pub time_s: f64,
-    /// Whether the last tick had a new message.
-    pub is_heard: bool,
+    /// Whether the last tick received a new message.
+    pub is_receiving: bool,
     /// Whether a safe command is in force.
     pub is_safe: bool,
-    /// What was counted.
+    /// Counters since the start of the loop.
     #[serde(flatten)]
-    pub counters: Counters,
-    /// How late ticks began.
+    pub counters: LoopCounters,
+    /// Lateness of the ticks.
     pub lateness_us: QuantilesUs,
-    /// How long they took.
+    /// Duration of the ticks.
     pub tick_time_us: QuantilesUs,
-    /// How old the sample was that a tick went by: the newest one (controller),
-    /// the one that the command in force answers (leg).
+    /// Age of the sample that a tick used: the newest one (controller), or the one that
+    /// the command in force answers (leg).
     pub sample_age_us: QuantilesUs,
-    /// From a sample to its command: until the leg has it at one of its ticks
-    /// (leg), until it is sent (controller).
+    /// Time from a sample to its command: until the leg has received it at one of its
+    /// ticks (leg), or until it is sent (controller).
     pub round_trip_us: QuantilesUs,
-    /// [`LoopReport::lateness_us`] as bars.
-    pub lateness_histogram: Vec<Bar>,
+    /// [`LoopReport::lateness_us`] as a histogram.
+    pub lateness_histogram: Vec<HistogramBin>,
 }
 
 impl LoopReport {
-    /// The figures in one line, for a live view.
+    /// Formats the report in one line.
     #[must_use]
     pub fn line(&self) -> String {
         let c = &self.counters;
@@ -121,7 +122,7 @@ impl LoopReport {
     }
 }
 
-/// A time in us with three digits and the unit that suits it.
+/// Formats a time, given in us, with three significant digits and a suitable unit.
 #[must_use]
 pub fn with_unit(us: f64) -> String {
     let (value, unit) = match us {
@@ -150,7 +151,7 @@ impl fmt::Display for LoopReport {
         let rows = [
             ("wake-up lateness", &self.lateness_us),
             ("tick time", &self.tick_time_us),
-            (if is_leg { "age of the answered" } else { "age of the sample" }, &self.sample_age_us),
+            (if is_leg { "age of answered sample" } else { "sample age" }, &self.sample_age_us),
             (if is_leg { "command round trip" } else { "sample to command" }, &self.round_trip_us),
         ];
         for (name, q) in rows.into_iter().filter(|(_, q)| q.count > 0) {
@@ -162,20 +163,20 @@ impl fmt::Display for LoopReport {
         }
         writeln!(
             f,
-            "  ticks {}: {} heard, {} stale, {} missed, {} idle",
-            c.ticks, c.heard, c.stale, c.missed, c.idle
+            "  ticks {}: {} received, {} stale, {} missed, {} idle",
+            c.ticks, c.received, c.stale, c.missed, c.idle
         )?;
         write!(
             f,
-            "  late {}, deadlines missed {} ({} while at work on the processor), longest gap {}, safe {}",
+            "  late {}, deadlines missed {} ({} by own overruns), longest gap {}, safe {}",
             c.late,
             c.deadline_misses,
             c.own_overruns,
             with_unit(c.longest_gap_ns as f64 * 1e-3),
             c.safe
         )?;
-        if c.dropped_rows > 0 {
-            write!(f, "\n  {} rows found no room: not in the times above", c.dropped_rows)?;
+        if c.dropped_records > 0 {
+            write!(f, "\n  {} ticks dropped from the times above", c.dropped_records)?;
         }
         Ok(())
     }

@@ -1,40 +1,43 @@
-//! A controller served in real time, from its first tick to its figures.
+//! Serving a leg in real time.
 
-use super::super::link::{ControllerLink, LinkError};
-use super::control::{ControllerTask, Ends, Law};
-use super::drive::{Options, run};
-use super::report::LoopReport;
 use leg_control::wire::Command;
-use leg_process::signals::Stop;
+use leg_process::Stop;
 
-/// What serving came to.
+use super::controller_task::{Control, ControllerTask, ExitOn};
+use super::report::LoopReport;
+use super::run::{LoopOptions, run};
+use crate::link::{ControllerLink, LinkError};
+
+/// The result of serving a leg.
 #[derive(Clone, Debug)]
-pub struct Served {
-    /// What ended it before its time, if anything did.
+pub struct ServeOutcome {
+    /// Ok if the run ended, or the error that ended the loop early.
     pub ended: Result<(), LinkError>,
-    /// Samples taken.
+    /// Number of samples received.
     pub samples: u64,
     /// The last command.
     pub last: Command,
-    /// The figures of the loop.
+    /// Report on the loop.
     pub report: LoopReport,
 }
 
-/// Serves a leg at the other end of `link` by `law`, on this thread, until its
-/// farewell or until `stop` is raised. `supervise` is called every 10 ms, beside
-/// the loop. The link is let go of before the figures are made.
-pub fn serve<L: ControllerLink, W: Law>(
+/// Answers the leg at the other end of `link` with the commands of `control`, on this
+/// thread, until its run ends or `stop` is raised.
+///
+/// `supervise` is called every 10 ms on another thread. The link is dropped before
+/// the report is made.
+pub fn serve<L: ControllerLink, K: Control>(
     link: L,
-    law: &mut W,
-    ends: Ends,
-    options: &Options,
+    control: &mut K,
+    exit_on: ExitOn,
+    options: &LoopOptions,
     stop: &Stop,
     supervise: impl FnMut() + Send,
-) -> Served {
-    let mut task = ControllerTask::new(link, law, options.rate_hz, ends);
-    let (ended, tally) = run(options, &mut task, stop, supervise);
+) -> ServeOutcome {
+    let mut task = ControllerTask::new(link, control, options.rate_hz, exit_on);
+    let (ended, stats) = run(options, &mut task, stop, supervise);
     let ended = ended.and(if stop.is_raised() { Err(LinkError::Stopped) } else { Ok(()) });
     let (samples, last) = (task.samples(), *task.last_command());
     drop(task);
-    Served { ended, samples, last, report: tally.report() }
+    ServeOutcome { ended, samples, last, report: stats.report() }
 }

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use super::line::{Came, Line, framed};
 use super::stream::ByteStream;
-use crate::card::Role;
+use crate::link::Role;
 use crate::link::{Link, LinkError};
 use leg_control::serial::frame;
 use leg_control::serial::message::{ToController, ToHost};

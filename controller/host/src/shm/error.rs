@@ -1,139 +1,164 @@
-//! Why two processes did not come together.
+//! Errors of connecting two processes.
 
-use std::fmt;
+use std::fmt::{self, Display};
 use std::time::Duration;
 
-use crate::card::{Pace, Role};
-use crate::domain::{DomainError, apart_from};
+use crate::discovery::{Domain, DomainError, other_users_note};
+use crate::link::{Role, SessionParams, TimeMode};
 
-/// The peer that has not come, and how to start it.
+/// A peer that has not connected, and the session parameters that it needs.
 #[derive(Clone, Debug)]
-pub struct Missing {
-    /// Who.
+pub struct MissingPeer {
+    /// Role of the missing peer.
     pub peer: Role,
-    /// Where.
+    /// Name of the domain.
     pub domain: String,
-    /// Waited for until now.
+    /// How long this end has waited.
     pub waited: Duration,
-    /// The rate that it has to have, Hz.
+    /// Tick rate that the peer must have, Hz.
     pub rate_hz: u32,
-    /// The gravity that it has to be told, m/s2.
+    /// Gravity that the peer must have, m/s2.
     pub gravity_m_s2: f32,
-    /// The pace that it has to have; `None` is either.
-    pub pace: Option<Pace>,
-    /// Other users with domains in the same place.
+    /// Time mode that the peer must have; `None` accepts either.
+    pub time_mode: Option<TimeMode>,
+    /// Other users with domains in the same temporary folder.
     pub other_users: Vec<u32>,
 }
 
-impl fmt::Display for Missing {
+impl Display for MissingPeer {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { peer, domain, waited, rate_hz, gravity_m_s2, pace, other_users } = self;
-        let pace = if *pace == Some(Pace::RealTime) { " --real-time" } else { "" };
         write!(
             f,
-            "no {peer} in domain `{domain}` after {:.1} s{}; start one with `{} --domain {domain} --rate {rate_hz} --gravity {gravity_m_s2}{pace}`",
-            waited.as_secs_f64(),
-            apart_from(other_users),
-            peer.start_hint()
+            "no {} in domain `{}` after {:.1} s{}",
+            self.peer,
+            self.domain,
+            self.waited.as_secs_f64(),
+            other_users_note(&self.other_users)
         )
     }
 }
 
-/// Why two processes did not come together.
+/// Two processes could not connect.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ConnectError {
-    /// No peer in time.
-    #[error("{0}; --timeout sets how long to wait")]
-    PeerMissing(Missing),
-    /// The role is taken.
-    #[error(
-        "a {role} is already running in domain `{domain}`{}; end it, or choose another --domain for both sides",
-        by(*pid)
-    )]
+    /// No peer connected in time.
+    #[error("{0}")]
+    PeerMissing(MissingPeer),
+    /// Another process holds this end's role.
+    #[error("a {role} is already running in domain `{domain}`{}", process(*pid))]
     RoleTaken {
-        /// Which role.
+        /// The role.
         role: Role,
-        /// By which process, if it says.
+        /// Process id of the holder, if its record is readable.
         pid: Option<u32>,
-        /// Where.
+        /// Name of the domain.
         domain: String,
     },
-    /// The peer's messages are of another version.
+    /// The peer uses another version of the messages.
     #[error(
-        "the {peer} speaks version {theirs} of the messages, this program version {ours}; build both from the same release"
+        "the {peer} uses version {theirs} of the messages, this program version {ours}; build both from the same release"
     )]
     WireVersion {
-        /// Who.
+        /// Role of the peer.
         peer: Role,
-        /// The peer's version.
+        /// Version of the peer.
         theirs: u16,
-        /// This program's.
+        /// Version of this program.
         ours: u16,
     },
     /// The peer ticks at another rate.
-    #[error("the {peer} runs at {theirs} Hz, this program at {ours} Hz; give both the same --rate")]
+    #[error("the {peer} runs at {theirs} Hz, this program at {ours} Hz")]
     Rate {
-        /// Who.
+        /// Role of the peer.
         peer: Role,
-        /// The peer's rate, Hz.
+        /// Rate of the peer, Hz.
         theirs: u32,
-        /// This program's, Hz.
+        /// Rate of this program, Hz.
         ours: u32,
     },
-    /// The peer counts with another gravity.
-    #[error(
-        "the {peer} is under a gravity of {theirs} m/s2, this program under {ours} m/s2; give both the same --gravity"
-    )]
+    /// The peer assumes another gravity.
+    #[error("the {peer} is under a gravity of {theirs} m/s2, this program under {ours} m/s2")]
     Gravity {
-        /// Who.
+        /// Role of the peer.
         peer: Role,
-        /// The peer's gravity, m/s2.
+        /// Gravity of the peer, m/s2.
         theirs: f32,
-        /// This program's, m/s2.
+        /// Gravity of this program, m/s2.
         ours: f32,
     },
-    /// The peer's time is set by something else.
-    #[error(
-        "the {peer} runs in {theirs}, this program in {ours}; give --real-time to both sides, or to neither"
-    )]
-    Pace {
-        /// Who.
+    /// The peer runs in the other time mode.
+    #[error("the {peer} runs in {theirs}, this program in {ours}")]
+    TimeMode {
+        /// Role of the peer.
         peer: Role,
-        /// The peer's pace.
-        theirs: Pace,
-        /// This program's.
-        ours: Pace,
+        /// Time mode of the peer.
+        theirs: TimeMode,
+        /// Time mode of this program.
+        ours: TimeMode,
     },
     /// The domain cannot be joined.
     #[error(transparent)]
     Domain(#[from] DomainError),
-    /// This process was told to stop, by a signal.
+    /// A signal asked this process to stop during the wait for the peer.
     #[error("stopped by a signal while waiting for the {0}")]
     Stopped(Role),
-    /// iceoryx2 or the system refused.
+    /// iceoryx2 or the system failed.
     #[error("cannot {action} in domain `{domain}`: {cause}")]
     Transport {
-        /// What was being done.
+        /// The action that failed.
         action: &'static str,
-        /// Where.
+        /// Name of the domain.
         domain: String,
-        /// What the transport says.
+        /// Error of the transport.
         cause: String,
     },
 }
 
 impl ConnectError {
-    /// Whether a peer is there that does not fit: another may.
+    /// Returns whether a peer is present that disagrees on the session parameters.
+    /// Another one may agree.
     #[must_use]
-    pub fn is_misfit(&self) -> bool {
+    pub fn is_disagreement(&self) -> bool {
         matches!(
             self,
-            Self::WireVersion { .. } | Self::Rate { .. } | Self::Gravity { .. } | Self::Pace { .. }
+            Self::WireVersion { .. }
+                | Self::Rate { .. }
+                | Self::Gravity { .. }
+                | Self::TimeMode { .. }
         )
     }
 }
 
-fn by(pid: Option<u32>) -> String {
+fn process(pid: Option<u32>) -> String {
     pid.map_or_else(String::new, |pid| format!(" (process {pid})"))
+}
+
+/// Returns the first session parameter on which the two sides disagree.
+pub(super) fn disagreement(
+    peer: Role,
+    theirs: SessionParams,
+    ours: SessionParams,
+) -> Option<ConnectError> {
+    if theirs.wire_version != ours.wire_version {
+        let (theirs, ours) = (theirs.wire_version, ours.wire_version);
+        Some(ConnectError::WireVersion { peer, theirs, ours })
+    } else if theirs.rate_hz != ours.rate_hz {
+        let (theirs, ours) = (theirs.rate_hz, ours.rate_hz);
+        Some(ConnectError::Rate { peer, theirs, ours })
+    } else if theirs.gravity_m_s2.to_bits() != ours.gravity_m_s2.to_bits() {
+        let (theirs, ours) = (theirs.gravity_m_s2, ours.gravity_m_s2);
+        Some(ConnectError::Gravity { peer, theirs, ours })
+    } else if let (Some(theirs), Some(ours)) = (theirs.time_mode, ours.time_mode)
+        && theirs != ours
+    {
+        Some(ConnectError::TimeMode { peer, theirs, ours })
+    } else {
+        None
+    }
+}
+
+/// Returns the error of a failed action of the transport.
+pub(super) fn failed(domain: &Domain, action: &'static str, cause: &dyn Display) -> ConnectError {
+    ConnectError::Transport { action, domain: domain.name().to_owned(), cause: cause.to_string() }
 }

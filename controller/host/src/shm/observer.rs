@@ -1,4 +1,4 @@
-//! Watching a leg and its controller without being either.
+//! Reading the messages of a leg and its controller without taking a role.
 
 use std::sync::Arc;
 
@@ -7,79 +7,78 @@ use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{
     LogLevel, Node, NodeName, PortName, SignalHandlingMode, ipc, set_log_level_from_env_or,
 };
-
-use super::service::{Service, config};
-use super::{ConnectError, failed};
-use crate::card::{self, Presence, Role};
-use crate::domain::Domain;
-use crate::payload::{Message, Shared};
 use leg_control::wire::{Command, Sample};
 
-/// Name of its node and ports.
+use super::error::{ConnectError, failed};
+use super::payload::{Message, Payload};
+use super::service::{Service, config};
+use crate::discovery::{Domain, Presence, presence_in};
+use crate::link::Role;
+
+/// Name of the observer's node and ports.
 const NAME: &str = "observer";
 
-/// Who plays in a domain.
+/// Which roles of a domain are held.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Players {
-    /// Whether there is a leg.
+pub struct Participants {
+    /// Whether a process holds the role of the leg.
     pub leg: bool,
-    /// Whether there is a controller.
+    /// Whether a process holds the role of the controller.
     pub controller: bool,
 }
 
-impl Players {
-    /// Looks into the domain of this name, without joining it.
+impl Participants {
+    /// Reads which roles of the domain `domain` are held, without joining it.
     ///
     /// # Errors
-    /// [`ConnectError`] when the name is unfit or the folder cannot be read.
+    /// Returns [`ConnectError`] when the name is invalid or the folder cannot be read.
     pub fn of(domain: &str) -> Result<Self, ConnectError> {
         let folder = Domain::folder(domain)?;
-        let plays = |role| match card::presence_in(&folder, role) {
+        let is_held = |role| match presence_in(&folder, role) {
             Ok(presence) => Ok(matches!(presence, Presence::Alive(_))),
             Err(cause) => Err(ConnectError::Transport {
-                action: "look for the players",
+                action: "check for leg and controller",
                 domain: domain.to_owned(),
                 cause: cause.to_string(),
             }),
         };
-        Ok(Self { leg: plays(Role::Leg)?, controller: plays(Role::Controller)? })
+        Ok(Self { leg: is_held(Role::Leg)?, controller: is_held(Role::Controller)? })
     }
 
-    /// Whether anybody plays.
+    /// Returns whether any role is held.
     #[must_use]
     pub fn any(self) -> bool {
         self.leg || self.controller
     }
 }
 
-/// Hears samples and commands, the newest of each, and is heard by nobody.
+/// Receives the newest sample and the newest command of a domain, and sends nothing.
 ///
-/// It has no role. It only opens services that are there, and it joins their
-/// domain: so look often whether anybody still plays ([`Players::of`]), and drop
-/// it when not, for the last to leave takes everything along.
-///
-/// Ports are dropped first, then what they stand on.
+/// An observer holds no role and only opens services that exist. It joins the
+/// domain, which the last process to leave removes: so check often whether any role
+/// is still held ([`Participants::of`]), and drop the observer when none is.
+// The readers, which hold the ports, must be dropped before the node and the domain.
 #[derive(Debug)]
 pub struct Observer {
-    samples: Ear<Sample>,
-    commands: Ear<Command>,
+    samples: Reader<Sample>,
+    commands: Reader<Command>,
     _node: Node<ipc::Service>,
     _domain: Arc<Domain>,
 }
 
-/// A reader of one service.
+/// A subscriber to one service.
 #[derive(Debug)]
-struct Ear<T: Message> {
-    subscriber: Subscriber<ipc::Service, Shared<T>, ()>,
+struct Reader<T: Message> {
+    subscriber: Subscriber<ipc::Service, Payload<T>, ()>,
     _service: Service<T>,
 }
 
-impl<T: Message> Ear<T> {
+impl<T: Message> Reader<T> {
     fn open(node: &Node<ipc::Service>, domain: &Domain) -> Result<Self, ConnectError> {
         let name = T::SERVICE.try_into().map_err(|e| failed(domain, "name a service", &e))?;
         let service = node
             .service_builder(&name)
-            .publish_subscribe::<Shared<T>>()
+            .publish_subscribe::<Payload<T>>()
             .open()
             .map_err(|cause| failed(domain, "open the service of the messages", &cause))?;
         let port = PortName::new(NAME).map_err(|e| failed(domain, "name the ports", &e))?;
@@ -90,19 +89,19 @@ impl<T: Message> Ear<T> {
         Ok(Self { subscriber, _service: service })
     }
 
-    /// A peer that dies while it connects shows as an error here: then there is
-    /// nothing to hear.
+    /// Returns the newest message, if there is an unread one. A publisher that dies
+    /// while it connects causes an error, which counts as no message.
     fn newest(&self) -> Option<T> {
         self.subscriber.receive().ok().flatten().map(|message| message.0)
     }
 }
 
 impl Observer {
-    /// Begins to listen in the domain of this name, in which somebody plays.
+    /// Subscribes to both services of the domain `domain`.
     ///
     /// # Errors
-    /// [`ConnectError`], as when the players have not made their services yet:
-    /// then try again.
+    /// Returns [`ConnectError`], for example when leg and controller have not created
+    /// their services yet; then retry.
     pub fn join(domain: &str) -> Result<Self, ConnectError> {
         let domain = Domain::join(domain)?;
         set_log_level_from_env_or(LogLevel::Fatal);
@@ -116,20 +115,20 @@ impl Observer {
             .create::<ipc::Service>()
             .map_err(|cause| failed(&domain, "start iceoryx2", &cause))?;
         Ok(Self {
-            samples: Ear::open(&node, &domain)?,
-            commands: Ear::open(&node, &domain)?,
+            samples: Reader::open(&node, &domain)?,
+            commands: Reader::open(&node, &domain)?,
             _node: node,
             _domain: domain,
         })
     }
 
-    /// The newest sample, if there is one that was not taken yet.
+    /// Returns the newest sample, if there is an unread one.
     #[must_use]
     pub fn sample(&self) -> Option<Sample> {
         self.samples.newest()
     }
 
-    /// The newest command, if there is one that was not taken yet.
+    /// Returns the newest command, if there is an unread one.
     #[must_use]
     pub fn command(&self) -> Option<Command> {
         self.commands.newest()

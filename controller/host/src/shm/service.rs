@@ -1,4 +1,4 @@
-//! The services of a domain: what carries the messages, and what it says of itself.
+//! The iceoryx2 services of a domain and their attributes.
 
 use std::time::{Duration, Instant};
 
@@ -6,56 +6,58 @@ use iceoryx2::prelude::{AttributeVerifier, Config, FileName, Node, Path, Semanti
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
-use super::{ConnectError, failed};
-use crate::card::Terms;
-use crate::domain::Domain;
-use crate::payload::{Message, Shared};
+use super::error::{ConnectError, failed};
+use super::payload::{Message, Payload};
+use crate::discovery::Domain;
+use crate::link::SessionParams;
 
-/// Readers of each service: the peer, a recorder, a live view, and one to spare.
+/// Subscribers of each service: the peer, a recorder, a live view, and a spare one.
 const MAX_READERS: usize = 4;
-/// Processes at a service: two players, the readers, and some that are being cleaned up.
+/// Processes at a service: both roles, the other readers, and dead ones that are being
+/// cleaned up.
 const MAX_NODES: usize = 16;
-/// For how long to try to make a service or a port while a dead process is cleaned up.
-const SETTLE: Duration = Duration::from_secs(2);
+/// How long to retry creating a service or a port while a dead process is cleaned up.
+const RETRY_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// For how long iceoryx2 waits by itself for what another process is making. A loop may
-/// have to, for a peer that is killed while it connects: as short as a process takes.
-const CREATION: Duration = Duration::from_millis(5);
+/// How long iceoryx2 waits for an object that another process is creating. A real-time
+/// loop may run into this wait if its peer is killed while connecting, so it is no longer
+/// than creation takes.
+const CREATION_TIMEOUT: Duration = Duration::from_millis(5);
 
 const WIRE_VERSION_KEY: &str = "wire-version";
 const RATE_KEY: &str = "rate-hz";
 const GRAVITY_KEY: &str = "gravity-m-s2";
 
-/// A service that carries `T`.
-pub(super) type Service<T> = PortFactory<ipc::Service, Shared<T>, ()>;
+/// The service that transports messages of type `T`.
+pub(super) type Service<T> = PortFactory<ipc::Service, Payload<T>, ()>;
 
-/// iceoryx2's configuration for a domain: all its files in the domain's
-/// folder, all its shared memory under the domain's prefix.
+/// Returns the iceoryx2 configuration for a domain: all files in the domain's
+/// folder, all shared memory under the domain's prefix.
 ///
 /// # Errors
-/// What in the folder's name iceoryx2 does not take.
+/// Returns a message when iceoryx2 does not accept the folder's name.
 pub fn config(domain: &Domain) -> Result<Config, String> {
     let mut config = Config::default();
     config.global.prefix = FileName::new(domain.prefix().as_bytes()).map_err(|e| e.to_string())?;
     let root = Path::new(domain.root().as_os_str().as_encoded_bytes())
         .map_err(|cause| format!("{}: {cause}", domain.root().display()))?;
     config.global.set_root_path(&root);
-    config.global.creation_timeout = CREATION;
+    config.global.creation_timeout = CREATION_TIMEOUT;
     Ok(config)
 }
 
-/// Opens or makes the service that carries `T`.
+/// Opens or creates the service that transports messages of type `T`.
 pub(super) fn service<T: Message>(
     node: &Node<ipc::Service>,
     domain: &Domain,
-    terms: Terms,
+    params: SessionParams,
 ) -> Result<Service<T>, ConnectError> {
     let name = T::SERVICE.try_into().map_err(|e| failed(domain, "name a service", &e))?;
     let attributes =
-        attributes(terms).map_err(|cause| failed(domain, "describe a service", &cause))?;
-    settle(|| {
+        attributes(params).map_err(|cause| failed(domain, "describe a service", &cause))?;
+    retry(|| {
         node.service_builder(&name)
-            .publish_subscribe::<Shared<T>>()
+            .publish_subscribe::<Payload<T>>()
             .max_publishers(1)
             .max_subscribers(MAX_READERS)
             .max_nodes(MAX_NODES)
@@ -66,22 +68,24 @@ pub(super) fn service<T: Message>(
             .open_or_create_with_attributes(&attributes)
     })
     .map_err(|cause| {
-        // The cards agreed, so this is no peer of ours: an observer's service, or another iceoryx2.
+        // The records agreed, so the service was created by another program: an observer of
+        // another version, or another version of iceoryx2.
         failed(
             domain,
-            "open the service of the messages (made by a program of another version?)",
+            "open the service of the messages (created by a program of another version?)",
             &cause,
         )
     })
 }
 
-/// What a service says of itself, for the `iox2` tool and for peers without a card.
-fn attributes(terms: Terms) -> Result<AttributeVerifier, String> {
+/// Returns the attributes of a service, for the `iox2` tool and for peers that publish
+/// no record.
+fn attributes(params: SessionParams) -> Result<AttributeVerifier, String> {
     let mut attributes = AttributeVerifier::new();
     for (key, number) in [
-        (WIRE_VERSION_KEY, terms.wire_version.to_string()),
-        (RATE_KEY, terms.rate_hz.to_string()),
-        (GRAVITY_KEY, terms.gravity_m_s2.to_string()),
+        (WIRE_VERSION_KEY, params.wire_version.to_string()),
+        (RATE_KEY, params.rate_hz.to_string()),
+        (GRAVITY_KEY, params.gravity_m_s2.to_string()),
     ] {
         let key = AttributeKey::new(key.as_bytes()).map_err(|cause| cause.to_string())?;
         let value = AttributeValue::new(number.as_bytes()).map_err(|cause| cause.to_string())?;
@@ -90,17 +94,17 @@ fn attributes(terms: Terms) -> Result<AttributeVerifier, String> {
     Ok(attributes)
 }
 
-/// Repeats what fails only because a dead or leaving process is still being cleaned up.
-pub(super) fn settle<T, E>(mut attempt: impl FnMut() -> Result<T, E>) -> Result<T, E> {
-    let deadline = Instant::now() + SETTLE;
+/// Retries an operation that may fail while a dead or leaving process is cleaned up.
+pub(super) fn retry<T, E>(mut operation: impl FnMut() -> Result<T, E>) -> Result<T, E> {
+    let deadline = Instant::now() + RETRY_TIMEOUT;
     let mut pause = Duration::from_millis(1);
     loop {
-        match attempt() {
+        match operation() {
             Err(_) if Instant::now() < deadline => {
                 std::thread::sleep(pause);
                 pause = (pause * 2).min(Duration::from_millis(50));
             }
-            outcome => return outcome,
+            result => return result,
         }
     }
 }

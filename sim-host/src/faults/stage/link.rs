@@ -14,7 +14,7 @@ use leg_host::link::{ControllerLink, LegLink, Link, LinkError};
 ///
 /// In lock-step ([`Faulty::in_lock_step`]; at the leg's end) an answer is waited
 /// for exactly when something was sent, so what happens does not depend on any
-/// clock; [`Link::is_settled`] tells the session when a tick has brought all that
+/// clock; [`Link::expects_no_reply`] tells the session when a tick has brought all that
 /// it will. Else what has come is taken as it is, once a tick.
 #[derive(Debug)]
 pub struct Faulty<L: Link> {
@@ -139,7 +139,7 @@ impl<L: Link<Sends: OnTheWire, Receives: OnTheWire>> Link for Faulty<L> {
         Ok(self.incoming.pass(now, came))
     }
 
-    fn is_settled(&self) -> bool {
+    fn expects_no_reply(&self) -> bool {
         self.settled
     }
 }

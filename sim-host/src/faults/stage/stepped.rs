@@ -50,7 +50,7 @@ impl<F: FnMut(Option<&Sample>) -> Command> Link for Stepped<F> {
         Ok(self.reply.take())
     }
 
-    fn is_settled(&self) -> bool {
+    fn expects_no_reply(&self) -> bool {
         true
     }
 }

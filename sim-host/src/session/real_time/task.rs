@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use leg_control::wire::{Command, Header};
-use leg_host::realtime::{Clock, Done, Task, Tick, Word};
+use leg_host::realtime::{Clock, RxStatus, Task, Tick, TickResult};
 use leg_host::{LegLink, LinkError};
 
 use super::{HOLD, OnFall, Options};
@@ -90,7 +90,7 @@ impl<'a, 'l, L: LegLink, H: Hooks> LegTask<'a, 'l, L, H> {
     }
 
     /// Plays the time of so many ticks.
-    fn play(&mut self, ticks: u64, mut command: Option<Command>, now_ns: u64) -> Done {
+    fn play(&mut self, ticks: u64, mut command: Option<Command>, now_ns: u64) -> TickResult {
         let round_trip_ns = command.and_then(|command| self.sent.age_ns(&command.header, now_ns));
         let round_trip = Duration::from_nanos(round_trip_ns.unwrap_or(0));
         let (mut is_new, mut is_safe) = (false, false);
@@ -108,8 +108,8 @@ impl<'a, 'l, L: LegLink, H: Hooks> LegTask<'a, 'l, L, H> {
                 hooks.observe(record);
             });
         }
-        Done {
-            word: if is_new { Word::New } else { Word::Stale },
+        TickResult {
+            rx: if is_new { RxStatus::New } else { RxStatus::Stale },
             safe: is_safe,
             run_id: self.run_id,
             seq: self.leg.seq().saturating_sub(1),
@@ -123,11 +123,11 @@ impl<'a, 'l, L: LegLink, H: Hooks> LegTask<'a, 'l, L, H> {
 impl<L: LegLink, H: Hooks> Task for LegTask<'_, '_, L, H> {
     type Error = LinkError;
 
-    fn tick(&mut self, at: &Tick, clock: &impl Clock) -> Result<Done, LinkError> {
+    fn tick(&mut self, at: &Tick, clock: &impl Clock) -> Result<TickResult, LinkError> {
         if self.hooks.ends() {
             self.ending = Some(Ending::Stopped);
             self.link.send(&self.leg.farewell())?;
-            return Ok(Done { run_id: self.run_id, over: true, ..Done::default() });
+            return Ok(TickResult { run_id: self.run_id, over: true, ..TickResult::default() });
         }
         self.hooks.steer(&mut self.leg);
         let command = self.newest()?;
@@ -135,10 +135,10 @@ impl<L: LegLink, H: Hooks> Task for LegTask<'_, '_, L, H> {
         let is_answered = command.is_some_and(|command| self.leg.is_answered_by(&command));
         match self.hold.tick(1 + at.missed, is_answered) {
             Held::Free => (),
-            Held::Quiet => return Ok(Done { run_id: self.run_id, ..Done::default() }),
+            Held::Quiet => return Ok(TickResult { run_id: self.run_id, ..TickResult::default() }),
             Held::Speaks => {
                 self.say(clock)?;
-                return Ok(Done { run_id: self.run_id, ..Done::default() });
+                return Ok(TickResult { run_id: self.run_id, ..TickResult::default() });
             }
         }
         // Time does not wait: what was slept through is played too, under what is known now.
@@ -159,7 +159,7 @@ impl<L: LegLink, H: Hooks> Task for LegTask<'_, '_, L, H> {
             ending => {
                 self.ending = ending;
                 self.link.send(&self.leg.farewell())?;
-                return Ok(Done { over: true, ..done });
+                return Ok(TickResult { over: true, ..done });
             }
         }
         Ok(done)

@@ -4,7 +4,7 @@ use std::cell::Cell;
 
 use leg_control::wire::{Command, Sample, flags};
 use leg_host::memory::Inline;
-use leg_host::realtime::{Clock, Counters, Grid, Log, drive};
+use leg_host::realtime::{Clock, LoopCounters, StatsWriter, TickSchedule, run_ticks};
 use leg_host::{Link, Role};
 
 use super::*;
@@ -45,7 +45,7 @@ impl Clock for Told {
         self.now_ns.set(instant_ns + late_ns);
     }
 
-    fn own_ns(&self) -> u64 {
+    fn cpu_time_ns(&self) -> u64 {
         0
     }
 }
@@ -70,12 +70,12 @@ fn play(
     on_fall: OnFall,
     law: impl FnMut(&Sample) -> Command,
     hooks: &mut impl Hooks,
-) -> (Outcome, Counters) {
+) -> (Outcome, LoopCounters) {
     let mut link = Inline::new(law);
     let mut task = LegTask::new(scenario, &mut link, Options { run_id: 1, on_fall }, hooks);
-    let (mut log, _rows) = Log::new(scenario.rate_hz);
-    let grid = Grid::of(Role::Leg, scenario.rate_hz);
-    drive(clock, grid, &mut task, &mut log, &Stop::default()).unwrap();
+    let (mut log, _rows) = StatsWriter::new(scenario.rate_hz);
+    let grid = TickSchedule::of(Role::Leg, scenario.rate_hz);
+    run_ticks(clock, grid, &mut task, &mut log, &Stop::default()).unwrap();
     let (leg, ending) = task.finish();
     (leg.outcome(ending.unwrap(), 1.0, RoundTrips::default()), log.counters())
 }
@@ -88,7 +88,7 @@ fn with_every_command_in_time_it_is_the_run_in_lock_step() {
     let (outcome, c) = play(&short, &Told::punctual(), OnFall::End, law, &mut ());
     assert_eq!(outcome.state_hash, lock_step.unwrap().state_hash);
     assert_eq!((outcome.ticks, outcome.ending), (5000, Ending::Duration));
-    assert_eq!((c.heard, c.stale, c.missed, c.idle), (5000, 0, 0, 1));
+    assert_eq!((c.received, c.stale, c.missed, c.idle), (5000, 0, 0, 1));
 }
 
 /// Remembers what goes out.
@@ -125,8 +125,9 @@ fn what_is_slept_through_is_played_at_once_under_the_command_in_force() {
     let mut link = Counting { inner: Inline::new(law), sent: Vec::new() };
     let mut seen = Seen::default();
     let mut task = LegTask::new(&short, &mut link, Options::default(), &mut seen);
-    let (mut log, _rows) = Log::new(1000);
-    drive(&clock, Grid::of(Role::Leg, 1000), &mut task, &mut log, &Stop::default()).unwrap();
+    let (mut log, _rows) = StatsWriter::new(1000);
+    run_ticks(&clock, TickSchedule::of(Role::Leg, 1000), &mut task, &mut log, &Stop::default())
+        .unwrap();
     let (leg, _) = task.finish();
     assert_eq!(leg.ticks(), 20, "time does not wait");
     let c = log.counters();
@@ -161,9 +162,9 @@ fn a_silent_controller_leaves_the_leg_safe_after_ten_ticks() {
     let mut link = Deaf(Inline::new(law), 50..100, 0);
     let mut hooks = ();
     let mut task = LegTask::new(&short, &mut link, Options::default(), &mut hooks);
-    let (mut log, _rows) = Log::new(1000);
-    let grid = Grid::of(Role::Leg, 1000);
-    drive(&Told::punctual(), grid, &mut task, &mut log, &Stop::default()).unwrap();
+    let (mut log, _rows) = StatsWriter::new(1000);
+    let grid = TickSchedule::of(Role::Leg, 1000);
+    run_ticks(&Told::punctual(), grid, &mut task, &mut log, &Stop::default()).unwrap();
     let (leg, ending) = task.finish();
     let outcome = leg.outcome(ending.unwrap(), 1.0, RoundTrips::default());
     assert_eq!((log.counters().stale, log.counters().safe), (50, 41));
@@ -185,7 +186,7 @@ fn a_leg_that_falls_is_put_back_to_its_start_when_asked_to() {
     assert!(outcome.restarts >= 3, "{}", outcome.restarts);
     assert_eq!(outcome.report().falls, outcome.restarts);
     assert_eq!(run_ids, (1..=outcome.restarts + 1).collect::<Vec<_>>());
-    assert_eq!(c.heard + c.stale + c.idle, c.ticks);
+    assert_eq!(c.received + c.stale + c.idle, c.ticks);
 
     let lying = |sample: &Sample| Command { leg_angle_rad: 0.0, ..law(sample) };
     let (outcome, _) = play(&long, &Told::punctual(), OnFall::End, lying, &mut ());

@@ -4,8 +4,8 @@ use leg_control::config::Config;
 use leg_control::policy::{Policy, SHIPPED};
 use leg_control::wire_controller::WireController;
 use leg_host::memory::Inline;
-use leg_host::realtime::{Bar, LoopReport, QuantilesUs};
-use leg_host::shm::Players;
+use leg_host::realtime::{HistogramBin, LoopReport, QuantilesUs};
+use leg_host::shm::Participants;
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use ratatui::buffer::Buffer;
@@ -23,7 +23,7 @@ fn hopping(seconds: u32) -> Scene {
     let mut controller = WireController::new(Policy::parse(SHIPPED).unwrap(), config);
     let mut link = Inline::new(|sample| controller.tick(Some(sample)));
     let mut scene = Scene::new("test");
-    scene.players = Players { leg: true, controller: true };
+    scene.players = Participants { leg: true, controller: true };
     let mut hops = 0;
     lock_step::run(&scenario, &mut link, Options::default(), |tick| {
         hops += tick.events.len() as u64 / 3;
@@ -46,7 +46,7 @@ fn status(run_id: u32, t_s: f64, x_m: f64) -> LegStatus {
     LegStatus {
         pid: 1,
         rate_hz: 1000,
-        pace: Pace::LockStep,
+        pace: TimeMode::LockStep,
         is_paused: true,
         ordered_m_s: None,
         run_id,
@@ -153,7 +153,7 @@ fn late_loop(role: &str) -> LoopReport {
     report.lateness_us =
         QuantilesUs { p50: 0.1, p90: 5.0, p99: 1900.0, p99_9: 4000.0, max: 4800.0, count: 9000 };
     report.lateness_histogram = [(1.0, 8000), (2.0, 0), (5.0, 900), (2000.0, 50), (5000.0, 50)]
-        .map(|(up_to_us, ticks)| Bar { up_to_us, ticks })
+        .map(|(up_to_us, ticks)| HistogramBin { up_to_us, ticks })
         .to_vec();
     report.counters.missed = 12;
     report
@@ -163,7 +163,7 @@ fn late_loop(role: &str) -> LoopReport {
 fn the_loops_of_a_run_in_real_time_are_drawn_as_histograms() {
     let mut scene = hopping(3);
     let mut leg = scene.leg.take().unwrap();
-    (leg.pace, leg.timing) = (Pace::RealTime, Some(late_loop("leg")));
+    (leg.pace, leg.timing) = (TimeMode::RealTime, Some(late_loop("leg")));
     scene.leg = Some(leg);
     scene.controller = Some(serde_json::from_value(serde_json::json!({
         "pid": 2, "rate_hz": 1000, "gravity_m_s2": 9.81, "pace": "real-time", "activity": "running",
@@ -171,7 +171,7 @@ fn the_loops_of_a_run_in_real_time_are_drawn_as_histograms() {
         "since_unix_s": 0.0, "since": null, "pending": null, "swaps": 0, "last": null,
         "ticks": 0, "apexes": 0,
         "rejected": {"ticks": 0, "missing": 0, "stale": 0, "safe_entered": 0},
-        "peer": {"pid": 1, "met": 1, "lost": 0},
+        "peer": {"pid": 1, "connections": 1, "losses": 0},
         "timing": late_loop("controller"),
     })).unwrap());
     for (width, height, also) in [(120, 40, "missed 12"), (80, 24, "max 4.80 ms")] {

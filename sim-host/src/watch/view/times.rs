@@ -1,6 +1,6 @@
 //! Times as bars: of commands in lock-step, of both loops in real time.
 
-use leg_host::realtime::{Bar, LoopReport, with_unit};
+use leg_host::realtime::{HistogramBin, LoopReport, with_unit};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Style, Stylize as _};
@@ -104,7 +104,7 @@ fn draw_loop(frame: &mut Frame<'_>, area: Rect, report: &LoopReport, ends_us: &[
 
     let tick_us = 1e6 / f64::from(report.rate_hz.max(1));
     let heights = ends_us.iter().map(|&end_us| {
-        let is_here = |bar: &&Bar| bar.up_to_us.total_cmp(&end_us).is_eq();
+        let is_here = |bar: &&HistogramBin| bar.up_to_us.total_cmp(&end_us).is_eq();
         let bar = report.lateness_histogram.iter().find(is_here);
         (bar.map_or(0, |bar| bar.ticks), if end_us > tick_us { ALARM } else { PUSH })
     });

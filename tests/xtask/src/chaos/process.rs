@@ -12,11 +12,11 @@ use rustix::process::{Pid, Signal, kill_process};
 use super::injection::Kind;
 
 /// In the report that the peer sends nothing any more.
-const SILENT: &str = "nothing from the ";
+const SILENT: &str = "no message from the ";
 /// In the report that the peer has ended its run.
-const RUN_OVER: &str = "is over: safe until the next begins";
+const RUN_OVER: &str = "is over: safe command until the next begins";
 /// In the report that the peer sends again.
-const BACK: &str = "is heard again, after";
+const BACK: &str = "sends again after";
 
 /// What a process plays in the run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

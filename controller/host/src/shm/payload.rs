@@ -1,15 +1,16 @@
-//! The one place that vouches for the messages' memory layout.
+//! The messages' memory layout in shared memory; the only unsafe code of this package.
 #![allow(
     unsafe_code,
-    reason = "iceoryx2 cannot check by itself that a message may be shared between processes"
+    reason = "iceoryx2 cannot verify that a message may be shared between processes"
 )]
 
 use core::fmt::Debug;
 
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::card::Role;
 use leg_control::wire::{Command, Sample};
+
+use crate::link::Role;
 
 mod sealed {
     pub trait Sealed {}
@@ -17,14 +18,14 @@ mod sealed {
     impl Sealed for leg_control::wire::Command {}
 }
 
-/// A message with a shared-memory service of its own. Implemented here only, for
-/// the types whose layout this module has checked.
+/// A message type with a shared-memory service of its own. The trait is sealed: this
+/// module implements it for the types whose layout it has checked.
 pub trait Message: sealed::Sealed + Copy + Debug + Send + 'static {
-    /// Name of the service that carries it.
+    /// Name of the service that transports the message.
     const SERVICE: &'static str;
-    /// Name of its type in shared memory, the wire version included.
+    /// Name of the type in shared memory, including the wire version.
     const TYPE_NAME: &'static str;
-    /// Role of the process that sends it.
+    /// Role of the process that sends the message.
     const SENDER: Role;
 }
 
@@ -40,15 +41,15 @@ impl Message for Command {
     const SENDER: Role = Role::Controller;
 }
 
-/// A message in shared memory, with the layout of the message itself.
+/// A message in shared memory. It has the same layout as the message itself.
 #[repr(transparent)]
 #[derive(Clone, Copy, Debug)]
-pub struct Shared<M>(pub M);
+pub struct Payload<M>(pub M);
 
-// SAFETY: `Message` is sealed: its implementors are `#[repr(C)]` without padding
-// (asserted in `leg_control::wire`) and hold only integers and floats: no pointers, no
-// handles, and no bits that are not a value.
-unsafe impl<M: Message> ZeroCopySend for Shared<M> {
+// SAFETY: `Message` is sealed. Its implementors are `#[repr(C)]` without padding (asserted in
+// `leg_control::wire`) and hold only integers and floats: no pointers, no handles, and every
+// bit pattern is a valid value.
+unsafe impl<M: Message> ZeroCopySend for Payload<M> {
     unsafe fn type_name() -> &'static str {
         M::TYPE_NAME
     }
@@ -60,7 +61,7 @@ mod tests {
     use leg_control::wire::WIRE_VERSION;
 
     #[test]
-    fn type_names_carry_the_wire_version() {
+    fn type_names_include_the_wire_version() {
         let suffix = format!(".v{WIRE_VERSION}");
         let names = [Sample::TYPE_NAME, Command::TYPE_NAME];
         assert!(names.iter().all(|name| name.ends_with(&suffix)), "{names:?}");

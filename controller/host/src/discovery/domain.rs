@@ -1,11 +1,12 @@
-//! A domain: the corner of the machine in which one leg and one controller meet.
+//! Domains: the namespace in which one leg and one controller find each other.
 //!
 //! Several runs on one machine use different domains and never see each other.
 //! A domain owns a folder, `<temporary folder>/spring-leg-<user id>/<name>/`,
 //! and every shared-memory object whose name starts with its prefix. Each
-//! process in it holds a shared lock; the last to leave removes all of it, and
-//! whoever comes first removes what killed processes left. The kernel releases
-//! the lock of a process however it ends, so nothing here depends on manners.
+//! process in it holds a shared lock. The last process to leave removes all of
+//! it, and the first to join removes what killed processes left. The kernel
+//! releases a process's lock however the process ends, so this clean-up works
+//! even after SIGKILL.
 
 use std::fs::{self, DirBuilder, File, TryLockError};
 use std::io;
@@ -14,31 +15,31 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// The domain used when none is named.
+/// The domain used when no name is given.
 pub const DEFAULT_DOMAIN: &str = "default";
-/// What the folder of a user's domains is called, before the user's number.
-const FOLDER: &str = "spring-leg-";
-/// Longest name of a domain, bytes.
+/// Name of the folder of a user's domains, without the user id that follows.
+const FOLDER_PREFIX: &str = "spring-leg-";
+/// Longest name of a domain, in bytes.
 pub const MAX_NAME: usize = 32;
 
-/// Where named shared memory shows as files.
+/// The folder in which named shared memory appears as files.
 #[cfg(target_os = "linux")]
 const SHARED_MEMORY: &str = "/dev/shm";
 
-/// How long to wait for another process's clean-up of the same domain.
-const PATIENCE: Duration = Duration::from_secs(2);
+/// How long to wait while another process cleans up the same domain.
+const CLEAN_UP_TIMEOUT: Duration = Duration::from_secs(2);
 const RETRY: Duration = Duration::from_millis(2);
 
-/// Why a domain could not be joined.
+/// A domain could not be joined.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DomainError {
-    /// The name cannot be part of a file name.
+    /// The name is not valid as part of a file name.
     #[error(
-        "domain `{0}` is not a name: use 1 to {MAX_NAME} of the characters a-z, A-Z, 0-9, `-`, `_`"
+        "`{0}` is not a valid domain name: use 1 to {MAX_NAME} of the characters a-z, A-Z, 0-9, `-`, `_`"
     )]
     Name(String),
-    /// The folder belongs to somebody else.
+    /// The folder of all domains belongs to another user.
     #[error(
         "{} belongs to user {owner}, not to you (user {user}); set TMPDIR to a folder of your own",
         path.display()
@@ -46,25 +47,25 @@ pub enum DomainError {
     Foreign {
         /// The folder of all domains.
         path: PathBuf,
-        /// Its owner.
+        /// User id of its owner.
         owner: u32,
-        /// The user of this process.
+        /// User id of this process.
         user: u32,
     },
-    /// Another process has been cleaning up for too long.
-    #[error("another process has been cleaning up {} for {PATIENCE:?}; end it, or use another --domain", path.display())]
+    /// Another process has been cleaning up for longer than the limit.
+    #[error("another process has been cleaning up {} for {CLEAN_UP_TIMEOUT:?}", path.display())]
     Busy {
-        /// The lock that it holds.
+        /// The lock file that it holds.
         path: PathBuf,
     },
-    /// The file system refused.
+    /// The file system failed.
     #[error("cannot {action} {}: {cause}", path.display())]
     Io {
-        /// What was being done.
+        /// The action that failed.
         action: &'static str,
-        /// To which file.
+        /// The file or folder concerned.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the system.
         cause: io::Error,
     },
 }
@@ -76,37 +77,37 @@ fn io_error<'a>(
     move |cause| DomainError::Io { action, path: path.to_owned(), cause }
 }
 
-/// Membership of a domain; ends when dropped.
+/// Membership of this process in a domain; ends when dropped.
 #[derive(Debug)]
 pub struct Domain {
     name: String,
-    place: Place,
+    paths: DomainPaths,
     lock: File,
 }
 
-/// The names that belong to a domain.
+/// The paths and the prefix that belong to a domain.
 #[derive(Debug)]
-struct Place {
+struct DomainPaths {
     base: PathBuf,
     lock: PathBuf,
     root: PathBuf,
     prefix: String,
 }
 
-impl Place {
+impl DomainPaths {
     fn new(base: &Path, name: &str) -> Self {
         let root = base.join(name);
         Self {
             base: base.to_owned(),
             lock: base.join(format!("{name}.lock")),
-            // Shared-memory names are global to the machine: tell apart users,
-            // temporary folders and domains by a hash of the folder's path.
+            // Shared-memory names are global to the machine: a hash of the folder's path
+            // distinguishes users, temporary folders and domains.
             prefix: format!("leg-{:016x}.", fnv1a(root.as_os_str().as_encoded_bytes())),
             root,
         }
     }
 
-    /// Opens and creates the lock file.
+    /// Opens the lock file and creates it if necessary.
     fn open_lock(&self) -> Result<File, DomainError> {
         File::options()
             .create(true)
@@ -117,9 +118,10 @@ impl Place {
             .map_err(io_error("open", &self.lock))
     }
 
-    /// Removes everything of the domain. The caller holds its lock exclusively.
-    fn sweep(&self) {
-        // Best effort: what cannot be removed now is tried again by the next to come.
+    /// Removes everything that belongs to the domain. The caller must hold its lock
+    /// exclusively.
+    fn remove_all(&self) {
+        // Best effort: the next process to join retries whatever could not be removed.
         let _ = fs::remove_dir_all(&self.root);
         #[cfg(target_os = "linux")]
         for entry in fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten() {
@@ -131,15 +133,15 @@ impl Place {
     }
 }
 
-/// FNV-1a, 64 bits: names, not secrets.
+/// Computes the 64-bit FNV-1a hash. It makes names, so it need not be cryptographic.
 fn fnv1a(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
         (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
     })
 }
 
-/// Whether `path` still names `file`: it may have been removed, or made anew,
-/// between opening and locking.
+/// Returns whether `path` still names `file`. Another process may have removed or
+/// recreated it between opening and locking.
 pub(super) fn still_named(file: &File, path: &Path) -> bool {
     match (file.metadata(), fs::metadata(path)) {
         (Ok(held), Ok(named)) => held.ino() == named.ino() && held.dev() == named.dev(),
@@ -147,14 +149,14 @@ pub(super) fn still_named(file: &File, path: &Path) -> bool {
     }
 }
 
-/// The folder of all domains of this user.
+/// Returns the folder of all domains of this user.
 fn base() -> PathBuf {
     let user = rustix::process::getuid().as_raw();
-    std::env::temp_dir().join(format!("{FOLDER}{user}"))
+    std::env::temp_dir().join(format!("{FOLDER_PREFIX}{user}"))
 }
 
-/// Other users who have domains in the same temporary folder, or had. Their
-/// processes and ours never meet.
+/// Returns the ids of other users who have, or had, domains in the same temporary
+/// folder. Processes of different users cannot connect.
 #[must_use]
 pub fn other_users() -> Vec<u32> {
     let own = rustix::process::getuid().as_raw();
@@ -162,21 +164,23 @@ pub fn other_users() -> Vec<u32> {
         .into_iter()
         .flatten()
         .flatten()
-        .filter_map(|entry| entry.file_name().to_str()?.strip_prefix(FOLDER)?.parse().ok())
+        .filter_map(|entry| entry.file_name().to_str()?.strip_prefix(FOLDER_PREFIX)?.parse().ok())
         .filter(|user| *user != own)
         .collect();
     users.sort_unstable();
     users
 }
 
-/// A word on [`other_users`] for a message on who is missing; empty without any.
-pub(super) fn apart_from(users: &[u32]) -> String {
+/// Formats a note on [`other_users`] for the message about a missing peer; empty if
+/// there are none.
+#[must_use]
+pub fn other_users_note(users: &[u32]) -> String {
     if users.is_empty() {
         return String::new();
     }
     let names: Vec<_> = users.iter().map(ToString::to_string).collect();
     format!(
-        " (user {} has domains here too; processes of two users do not meet, run both as one)",
+        " (user {} has domains here too; processes of two users cannot connect, run both as one user)",
         names.join(", ")
     )
 }
@@ -190,96 +194,98 @@ fn check_name(name: &str) -> Result<(), DomainError> {
 }
 
 impl Domain {
-    /// Joins the domain `name` of this user, making it if need be.
+    /// Joins the domain `name` of this user and creates it if necessary.
     ///
     /// # Errors
-    /// [`DomainError`] when the name is unfit or the file system refuses.
+    /// Returns [`DomainError`] when the name is invalid or the file system fails.
     pub fn join(name: &str) -> Result<Arc<Self>, DomainError> {
         Self::join_in(&base(), name)
     }
 
-    /// The folder of the domain `name` of this user, joined by anybody or not.
+    /// Returns the folder of the domain `name` of this user, whether or not any
+    /// process has joined it.
     ///
     /// # Errors
-    /// [`DomainError::Name`].
+    /// Returns [`DomainError::Name`] when the name is invalid.
     pub fn folder(name: &str) -> Result<PathBuf, DomainError> {
         check_name(name)?;
-        Ok(Place::new(&base(), name).root)
+        Ok(DomainPaths::new(&base(), name).root)
     }
 
-    /// As [`Domain::join`], in a folder of the caller's choice.
+    /// As [`Domain::join`], with the domains in the folder `base`.
     ///
     /// # Errors
     /// As [`Domain::join`].
     pub fn join_in(base: &Path, name: &str) -> Result<Arc<Self>, DomainError> {
         check_name(name)?;
-        let place = Place::new(base, name);
-        let deadline = Instant::now() + PATIENCE;
+        let paths = DomainPaths::new(base, name);
+        let deadline = Instant::now() + CLEAN_UP_TIMEOUT;
         loop {
             make_private(base)?;
-            let attempt = place.open_lock();
-            // The last to leave removes the folder too: then make it again.
+            let attempt = paths.open_lock();
+            // The last process to leave removes the folder too; then create it again.
             let gone = matches!(&attempt, Err(DomainError::Io { cause, .. }) if cause.kind() == io::ErrorKind::NotFound);
             if let Some(lock) = if gone { None } else { Some(attempt?) } {
                 match lock.try_lock_shared() {
-                    Ok(()) if still_named(&lock, &place.lock) => {
-                        make_private(&place.root)?;
-                        sweep_others(&place);
-                        return Ok(Arc::new(Self { name: name.to_owned(), place, lock }));
+                    Ok(()) if still_named(&lock, &paths.lock) => {
+                        make_private(&paths.root)?;
+                        remove_abandoned(&paths);
+                        return Ok(Arc::new(Self { name: name.to_owned(), paths, lock }));
                     }
                     Ok(()) | Err(TryLockError::WouldBlock) => (),
                     Err(TryLockError::Error(cause)) => {
-                        return Err(io_error("lock", &place.lock)(cause));
+                        return Err(io_error("lock", &paths.lock)(cause));
                     }
                 }
             }
             if Instant::now() >= deadline {
-                return Err(DomainError::Busy { path: place.lock });
+                return Err(DomainError::Busy { path: paths.lock });
             }
             std::thread::sleep(RETRY);
         }
     }
 
-    /// What the names of all shared memory of a domain start with, joined or not.
+    /// Returns the prefix of the names of all shared memory of a domain, whether or not
+    /// any process has joined it.
     #[must_use]
     pub fn prefix_in(base: &Path, name: &str) -> String {
-        Place::new(base, name).prefix
+        DomainPaths::new(base, name).prefix
     }
 
-    /// Its name.
+    /// Returns the name of the domain.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Its folder.
+    /// Returns the folder of the domain.
     #[must_use]
     pub fn root(&self) -> &Path {
-        &self.place.root
+        &self.paths.root
     }
 
-    /// What the names of all its shared memory start with.
+    /// Returns the prefix of the names of its shared memory.
     #[must_use]
     pub fn prefix(&self) -> &str {
-        &self.place.prefix
+        &self.paths.prefix
     }
 }
 
 impl Drop for Domain {
     fn drop(&mut self) {
         if self.lock.try_lock().is_ok() {
-            self.place.sweep();
+            self.paths.remove_all();
         }
-        // Only when no other domain is in it.
-        let _ = fs::remove_dir(&self.place.base);
+        // This succeeds only when the folder holds no other domain.
+        let _ = fs::remove_dir(&self.paths.base);
     }
 }
 
-/// Makes a folder that only its owner may enter, or checks that it is ours.
+/// Creates a folder that only its owner may enter, or checks that this user owns it.
 fn make_private(path: &Path) -> Result<(), DomainError> {
     match DirBuilder::new().mode(0o700).recursive(true).create(path) {
         Err(cause) if cause.kind() != io::ErrorKind::AlreadyExists => {
-            return Err(io_error("make the folder", path)(cause));
+            return Err(io_error("create the folder", path)(cause));
         }
         _ => (),
     }
@@ -292,14 +298,14 @@ fn make_private(path: &Path) -> Result<(), DomainError> {
                 Err(DomainError::Foreign { path: path.to_owned(), owner: found.uid(), user })
             }
         }
-        // Removed by the last to leave another domain, just now; the caller tries again.
+        // The last process to leave another domain has just removed it; the caller retries.
         Err(cause) if cause.kind() == io::ErrorKind::NotFound => Ok(()),
-        Err(cause) => Err(io_error("look at", path)(cause)),
+        Err(cause) => Err(io_error("inspect", path)(cause)),
     }
 }
 
-/// Removes the other domains in which nobody is left alive.
-fn sweep_others(own: &Place) {
+/// Removes the other domains that no live process has joined.
+fn remove_abandoned(own: &DomainPaths) {
     for entry in fs::read_dir(&own.base).into_iter().flatten().flatten() {
         let path = entry.path();
         let Some(name) = path.file_stem().and_then(|stem| stem.to_str()) else {
@@ -312,7 +318,7 @@ fn sweep_others(own: &Place) {
             && lock.try_lock().is_ok()
             && still_named(&lock, &path)
         {
-            Place::new(&own.base, name).sweep();
+            DomainPaths::new(&own.base, name).remove_all();
         }
     }
 }
@@ -322,7 +328,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_last_to_leave_takes_everything_along() {
+    fn the_last_process_to_leave_removes_the_domain() {
         let dir = tempfile::tempdir().unwrap();
         let base = dir.path().join("base");
         let one = Domain::join_in(&base, "a").unwrap();
@@ -331,7 +337,7 @@ mod tests {
         assert_ne!(one.prefix(), other.prefix());
         fs::write(one.root().join("left"), "x").unwrap();
         drop(one);
-        assert!(base.join("a/left").exists(), "somebody is still there");
+        assert!(base.join("a/left").exists(), "one process is still in the domain");
         drop(two);
         assert!(!base.join("a").exists() && !base.join("a.lock").exists());
         assert!(base.join("a_b").exists());
@@ -340,11 +346,11 @@ mod tests {
     }
 
     #[test]
-    fn what_the_dead_left_is_removed_by_the_next_to_come() {
+    fn a_join_removes_the_domains_of_killed_processes() {
         let dir = tempfile::tempdir().unwrap();
-        // As a killed process leaves it: files, and a lock that nobody holds.
+        // A killed process leaves files and a lock that no process holds.
         fs::create_dir(dir.path().join("dead")).unwrap();
-        fs::write(dir.path().join("dead/card"), "x").unwrap();
+        fs::write(dir.path().join("dead/leg.card"), "x").unwrap();
         fs::write(dir.path().join("dead.lock"), "").unwrap();
         let domain = Domain::join_in(dir.path(), "alive").unwrap();
         assert!(!dir.path().join("dead").exists() && !dir.path().join("dead.lock").exists());
@@ -352,16 +358,16 @@ mod tests {
     }
 
     #[test]
-    fn names_that_are_no_file_names_are_refused() {
+    fn rejects_names_that_are_not_file_names() {
         let dir = tempfile::tempdir().unwrap();
         for name in ["", "a/b", "..", "a.b", "ä", &"x".repeat(MAX_NAME + 1)] {
-            let refused = Domain::join_in(dir.path(), name);
-            assert!(matches!(refused, Err(DomainError::Name(_))), "{name}");
+            let result = Domain::join_in(dir.path(), name);
+            assert!(matches!(result, Err(DomainError::Name(_))), "{name}");
         }
     }
 
     #[test]
-    fn many_may_come_and_go_at_once() {
+    fn processes_may_join_and_leave_concurrently() {
         let dir = tempfile::tempdir().unwrap();
         let base = dir.path().join("base");
         std::thread::scope(|scope| {

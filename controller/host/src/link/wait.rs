@@ -1,43 +1,44 @@
-//! Waiting for the peer: fast when it is quick, kind when it is not.
+//! Polling for a message: spin, then yield, then sleep.
 
 use std::cell::Cell;
 use std::time::{Duration, Instant};
 
-/// Longest spin without giving the core away: a reply in lock-step takes a
-/// microsecond or two, a sleep and wake-up thirty or more.
+/// Longest spin before the core is yielded. A reply in lock-step takes one or two
+/// microseconds, a sleep and wake-up thirty or more.
 const SPIN: Duration = Duration::from_micros(20);
-/// Looks at the queue between two looks at the clock, while spinning.
-const LOOKS: u32 = 16;
-/// One wait in this many spins whatever the ones before it taught.
+/// Polls between two readings of the clock, while spinning.
+const POLLS: u32 = 16;
+/// One wait in this many spins for the full time, whatever the waits before it measured.
 const PROBE: u32 = 256;
-/// Then the core is offered to others, up to this age: when the two processes
-/// share one core, it is the peer that takes it.
+/// Age of a wait up to which the core is yielded. When both processes share one
+/// core, the peer then runs.
 const YIELD: Duration = Duration::from_millis(1);
-/// Then sleeps, each twice as long as the one before, up to a limit.
+/// Duration of the first sleep. Each further sleep is twice as long, up to
+/// [`SLEEP_MAX`].
 const SLEEP_FIRST: Duration = Duration::from_micros(50);
 const SLEEP_MAX: Duration = Duration::from_millis(1);
-/// How often a silent wait looks whether the peer still lives.
+/// Interval of the idle callback during a wait.
 const IDLE_CHECK: Duration = Duration::from_millis(20);
 
-/// Waits, and learns from one wait for the next whether spinning pays.
+/// Polls with a spin time that adapts from one wait to the next.
 ///
-/// It does when the peer runs on another core. When the machine is busy and
-/// both share one, the spin only keeps the peer from running: 45 us a round
-/// trip instead of a few.
+/// Spinning pays when the peer runs on another core. When both share one core, it
+/// only keeps the peer from running: 45 us a round trip instead of a few. So each
+/// spin without success shortens the next ones to a quarter.
 #[derive(Debug)]
-pub(super) struct Waiter {
+pub(crate) struct Waiter {
     spin: Cell<Duration>,
     waits: Cell<u32>,
 }
 
 impl Waiter {
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self { spin: Cell::new(SPIN), waits: Cell::new(0) }
     }
 
-    /// Calls `poll` until it has something, at most for `timeout`. After every
-    /// [`IDLE_CHECK`] of silence calls `idle`, which may end the wait by an error.
-    pub(super) fn wait_for<T, E>(
+    /// Calls `poll` until it returns a value, at most for `timeout`. Calls `idle`
+    /// every [`IDLE_CHECK`] meanwhile, which may end the wait with an error.
+    pub(crate) fn wait_for<T, E>(
         &self,
         timeout: Duration,
         mut poll: impl FnMut() -> Result<Option<T>, E>,
@@ -52,7 +53,7 @@ impl Waiter {
         let probe = waits.is_multiple_of(PROBE);
         let spin = if probe { SPIN } else { self.spin.get() }.min(timeout);
         while start.elapsed() < spin {
-            for _ in 0..LOOKS {
+            for _ in 0..POLLS {
                 std::hint::spin_loop();
                 if let Some(found) = poll()? {
                     self.spin.set(SPIN);
@@ -67,7 +68,7 @@ impl Waiter {
         loop {
             let waited = start.elapsed();
             if waited >= timeout {
-                // One last look: this thread may have been away for long.
+                // Poll once more: this thread may not have run for long.
                 return poll();
             }
             if waited < YIELD {

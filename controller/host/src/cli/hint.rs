@@ -1,0 +1,168 @@
+//! What the user can do about an error: the command-line options of `controller` and
+//! `sim-host` that help.
+//!
+//! The errors of the library name values and limits and no options, because a library
+//! does not know the command line of its program.
+
+use std::fmt::Display;
+
+use crate::discovery::DomainError;
+use crate::link::{LinkError, Role, TimeMode};
+use crate::reconnect::LinkEvent;
+use crate::shm::{ConnectError, MissingPeer, PeerEvent};
+
+/// Joins a message and a hint, if there is one.
+#[must_use]
+pub fn with_hint(message: impl Display, hint: Option<String>) -> String {
+    match hint {
+        Some(hint) => format!("{message}; {hint}"),
+        None => message.to_string(),
+    }
+}
+
+/// Returns the command that starts a process in `role`.
+#[must_use]
+pub fn start_command(role: Role) -> &'static str {
+    match role {
+        Role::Leg => "sim-host run",
+        Role::Controller => "controller --policy FILE",
+    }
+}
+
+/// Returns the hint on a peer that has not connected.
+#[must_use]
+pub fn missing_peer(missing: &MissingPeer) -> String {
+    let MissingPeer { peer, domain, rate_hz, gravity_m_s2, time_mode, .. } = missing;
+    let real_time = if *time_mode == Some(TimeMode::RealTime) { " --real-time" } else { "" };
+    format!(
+        "start one with `{} --domain {domain} --rate {rate_hz} --gravity {gravity_m_s2}{real_time}`",
+        start_command(*peer)
+    )
+}
+
+/// Returns the hint on an error of connecting.
+#[must_use]
+pub fn connect_error(error: &ConnectError) -> Option<String> {
+    match error {
+        ConnectError::PeerMissing(missing) => {
+            Some(format!("{}; --timeout sets how long to wait", missing_peer(missing)))
+        }
+        ConnectError::RoleTaken { .. } => {
+            Some("end it, or choose another --domain for both sides".to_owned())
+        }
+        ConnectError::Rate { .. } => Some("give both the same --rate".to_owned()),
+        ConnectError::Gravity { .. } => Some("give both the same --gravity".to_owned()),
+        ConnectError::TimeMode { .. } => {
+            Some("give --real-time to both sides, or to neither".to_owned())
+        }
+        ConnectError::Domain(error) => domain_error(error),
+        _ => None,
+    }
+}
+
+/// Returns the hint on an error of joining a domain.
+#[must_use]
+pub fn domain_error(error: &DomainError) -> Option<String> {
+    matches!(error, DomainError::Busy { .. })
+        .then(|| "end that process, or use another --domain".to_owned())
+}
+
+/// Returns the hint on an error of an established link.
+#[must_use]
+pub fn link_error(error: &LinkError) -> Option<String> {
+    match error {
+        LinkError::PeerDied { role, .. } => {
+            Some(format!("start it again with `{}`", start_command(*role)))
+        }
+        LinkError::ReconnectTimeout { cause, .. } => {
+            let timeout = "--timeout sets how long to wait";
+            Some(match link_error(cause) {
+                Some(hint) => format!("{hint}; {timeout}"),
+                None => timeout.to_owned(),
+            })
+        }
+        _ => None,
+    }
+}
+
+/// Returns the message about an event of a reconnecting link, with its hint.
+#[must_use]
+pub fn link_event(event: &LinkEvent) -> String {
+    let hint = match event {
+        LinkEvent::Lost { cause, .. } => link_error(cause),
+        LinkEvent::Rejected(error) => connect_error(error),
+        _ => None,
+    };
+    with_hint(event, hint)
+}
+
+/// Returns the message about an event of the peer of a real-time loop, with its hint.
+/// `None` for a new connection: the loop's statistics thread reports the first message.
+#[must_use]
+pub fn peer_event(event: &PeerEvent) -> Option<String> {
+    match event {
+        PeerEvent::Connected(_) => None,
+        // The statistics thread reports whether its run was over.
+        PeerEvent::Lost(LinkError::PeerLeft { role, pid }) => {
+            Some(format!("the {role} (process {pid}) has left"))
+        }
+        PeerEvent::Lost(error) => Some(with_hint(error, link_error(error))),
+        PeerEvent::Rejected(error) => Some(with_hint(error, connect_error(error))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    #[test]
+    fn the_hint_on_a_missing_peer_is_the_command_with_the_parameters_it_needs() {
+        let missing = MissingPeer {
+            peer: Role::Controller,
+            domain: "d".to_owned(),
+            waited: Duration::from_secs(1),
+            rate_hz: 500,
+            gravity_m_s2: 9.81,
+            time_mode: Some(TimeMode::LockStep),
+            other_users: Vec::new(),
+        };
+        let command =
+            "start one with `controller --policy FILE --domain d --rate 500 --gravity 9.81";
+        assert_eq!(missing_peer(&missing), format!("{command}`"));
+        let missing = MissingPeer { time_mode: Some(TimeMode::RealTime), ..missing };
+        assert_eq!(missing_peer(&missing), format!("{command} --real-time`"));
+        let hint = connect_error(&ConnectError::PeerMissing(missing)).unwrap();
+        assert!(hint.ends_with("; --timeout sets how long to wait"), "{hint}");
+    }
+
+    #[test]
+    fn each_disagreement_names_the_option_that_must_be_equal() {
+        let peer = Role::Leg;
+        for (error, option) in [
+            (ConnectError::Rate { peer, theirs: 1, ours: 2 }, "--rate"),
+            (ConnectError::Gravity { peer, theirs: 1.0, ours: 2.0 }, "--gravity"),
+            (
+                ConnectError::TimeMode {
+                    peer,
+                    theirs: TimeMode::LockStep,
+                    ours: TimeMode::RealTime,
+                },
+                "--real-time",
+            ),
+        ] {
+            assert!(connect_error(&error).unwrap().contains(option), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_peer_that_does_not_return_gets_the_hints_on_its_death_and_on_the_timeout() {
+        let cause = Box::new(LinkError::PeerDied { role: Role::Controller, pid: 7 });
+        let hint = link_error(&LinkError::ReconnectTimeout { cause, waited_ms: 1000 }).unwrap();
+        assert_eq!(
+            hint,
+            "start it again with `controller --policy FILE`; --timeout sets how long to wait"
+        );
+    }
+}

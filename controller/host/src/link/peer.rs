@@ -1,0 +1,28 @@
+//! The process at the other end of a link.
+
+use serde::{Deserialize, Serialize};
+
+use super::Role;
+
+/// A connected peer whose session parameters agree with this end's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Peer {
+    /// Role of the peer.
+    pub role: Role,
+    /// Process id of the peer.
+    pub pid: u32,
+    /// [`fingerprint`](leg_control::leg::LegModel::fingerprint) of the leg that the
+    /// peer simulates or has a policy for; `None` if it does not specify one.
+    pub leg: Option<u32>,
+}
+
+/// The state of the connection to the peer, for a status report.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PeerStatus {
+    /// Process id of the connected peer, if there is one.
+    pub pid: Option<u32>,
+    /// How often a peer has connected.
+    pub connections: u64,
+    /// How often a connected peer was lost.
+    pub losses: u64,
+}

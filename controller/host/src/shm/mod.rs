@@ -1,0 +1,31 @@
+//! Links between two processes over iceoryx2 shared memory.
+//!
+//! There is one publish-subscribe service per direction: one publisher, buffer
+//! size 1, no history, safe overflow. So the newest message wins and a publisher
+//! never waits for a slow subscriber. Further subscribers, such as a recorder or a
+//! live view, may read along.
+//!
+//! A receiver polls: in lock-step the peer replies within microseconds, and any
+//! blocking wait of the system costs thirty to forty. If the peer is slow, the
+//! receiver yields the core and, after a millisecond, sleeps.
+//!
+//! The peer may go and another may connect while the link stays open; the
+//! [`PeerMonitor`] handles that. Sending, and receiving without a wait, only access
+//! the queues. iceoryx2 maps a new port, or releases a closed one, once, in the
+//! call that first meets it.
+
+mod error;
+mod link;
+mod observer;
+mod payload;
+mod peer_monitor;
+mod service;
+#[cfg(test)]
+mod tests;
+
+pub use error::{ConnectError, MissingPeer};
+pub use link::{ShmController, ShmLeg, ShmLink};
+pub use observer::{Observer, Participants};
+pub use payload::{Message, Payload};
+pub use peer_monitor::{PeerEvent, PeerMonitor};
+pub use service::config;

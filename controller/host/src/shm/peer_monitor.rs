@@ -1,0 +1,299 @@
+//! Detects the peer's arrival and loss, and cleans up after a peer that died.
+//!
+//! All of it reads files and takes locks, so it runs beside the control path: in
+//! the idle moments of a waiting link, or on a supervisor's thread. The link itself
+//! reads one atomic number that identifies the publisher whose messages it accepts.
+
+use std::fmt;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use iceoryx2::identifiers::{UniqueNodeId, UniquePublisherId};
+use iceoryx2::prelude::{CallbackProgression, Node, PortFactory as _, ipc};
+
+use super::error::{ConnectError, disagreement, failed};
+use super::payload::Message;
+use super::service::Service;
+use crate::discovery::{Domain, Presence, RoleLock, RoleRecord, presence};
+use crate::link::{LinkError, Peer, PeerStatus, SessionParams};
+
+/// A change of the peer that an update has detected.
+#[derive(Debug)]
+pub enum PeerEvent {
+    /// A peer is connected: it agrees on the session parameters and receives this
+    /// end's messages.
+    Connected(Peer),
+    /// The peer is gone; its shared memory has been cleaned up.
+    Lost(LinkError),
+    /// A process holds the peer's role but disagrees on the session parameters.
+    /// Reported once for each process.
+    Rejected(ConnectError),
+}
+
+impl fmt::Display for PeerEvent {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Connected(peer) => {
+                write!(f, "the {} (process {}) is connected", peer.role, peer.pid)
+            }
+            Self::Lost(cause) => cause.fmt(f),
+            Self::Rejected(cause) => cause.fmt(f),
+        }
+    }
+}
+
+/// Progress of the connection to the peer.
+#[derive(Debug)]
+enum PeerState {
+    /// No process holds the peer's role, or it has not created its ports yet.
+    Absent,
+    /// This end has found the peer's ports and published so; the peer has not found
+    /// this end's ports yet.
+    Connecting(Peer),
+    /// Each end receives the other's messages.
+    Connected(Peer),
+}
+
+/// The part of the monitor's state that the control path never accesses.
+#[derive(Debug)]
+struct MonitorState {
+    peer: PeerState,
+    /// How the last peer was lost, until another is connected.
+    lost: Option<LinkError>,
+    /// Process id of the last rejected process, which has been reported.
+    rejected: Option<u32>,
+    node: Node<ipc::Service>,
+    role: RoleLock,
+}
+
+/// The services, the node and the role of this end, shared by a link and its
+/// monitors.
+// Dropped in this order, after the ports: the services before the node, the role after both,
+// the domain last.
+#[derive(Debug)]
+pub(super) struct MonitorCore<Out: Message, In: Message> {
+    outgoing: Service<Out>,
+    incoming: Service<In>,
+    state: Mutex<MonitorState>,
+    /// [`key`] of the publisher whose messages are accepted; 0 if none.
+    accepted: AtomicU64,
+    connections: AtomicU64,
+    losses: AtomicU64,
+    params: SessionParams,
+    domain: Arc<Domain>,
+}
+
+/// Folds a publisher's id (time of creation, process and counter) into a number
+/// other than 0.
+fn key(id: UniquePublisherId) -> u64 {
+    let id = id.value();
+    ((id >> 64) as u64 ^ id as u64).max(1)
+}
+
+impl<Out: Message, In: Message> MonitorCore<Out, In> {
+    pub(super) fn new(
+        services: (Service<Out>, Service<In>),
+        node: Node<ipc::Service>,
+        role: RoleLock,
+        params: SessionParams,
+        domain: &Arc<Domain>,
+    ) -> Self {
+        let (outgoing, incoming) = services;
+        let (peer, lost, rejected) = (PeerState::Absent, None, None);
+        Self {
+            outgoing,
+            incoming,
+            state: Mutex::new(MonitorState { peer, lost, rejected, node, role }),
+            accepted: AtomicU64::new(0),
+            connections: AtomicU64::new(0),
+            losses: AtomicU64::new(0),
+            params,
+            domain: Arc::clone(domain),
+        }
+    }
+
+    pub(super) fn params(&self) -> SessionParams {
+        self.params
+    }
+
+    pub(super) fn domain(&self) -> &Arc<Domain> {
+        &self.domain
+    }
+
+    /// Returns whether messages of `publisher` are accepted. Wait-free.
+    pub(super) fn accepts(&self, publisher: UniquePublisherId) -> bool {
+        // Relaxed: no other memory is published along with the number.
+        self.accepted.load(Ordering::Relaxed) == key(publisher)
+    }
+
+    fn state(&self) -> MutexGuard<'_, MonitorState> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Returns the connected peer.
+    pub(super) fn peer(&self) -> Option<Peer> {
+        match self.state().peer {
+            PeerState::Connected(peer) => Some(peer),
+            PeerState::Absent | PeerState::Connecting(_) => None,
+        }
+    }
+
+    /// Returns how the last peer was lost, until another is connected.
+    pub(super) fn lost(&self) -> Option<LinkError> {
+        self.state().lost.clone()
+    }
+
+    /// Reads the peer's record and advances the connection. Before this end publishes
+    /// that it receives the peer's messages, `map_port` must make that true.
+    pub(super) fn update(
+        &self,
+        map_port: impl FnOnce() -> bool,
+    ) -> Result<Option<PeerEvent>, ConnectError> {
+        let state = &mut *self.state();
+        let presence = presence(&self.domain, In::SENDER)
+            .map_err(|cause| failed(&self.domain, "check for the peer", &cause))?;
+        match state.peer {
+            PeerState::Connected(peer) => {
+                let lost = Self::check_connected(state, presence, peer);
+                self.losses.fetch_add(u64::from(lost.is_some()), Ordering::Relaxed);
+                Ok(lost)
+            }
+            PeerState::Absent | PeerState::Connecting(_) => self.connect(state, presence, map_port),
+        }
+    }
+
+    /// Checks that the connected peer still holds its role.
+    fn check_connected(
+        state: &mut MonitorState,
+        presence: Presence,
+        peer: Peer,
+    ) -> Option<PeerEvent> {
+        let Peer { role, pid, .. } = peer;
+        let lost = match presence {
+            Presence::Alive(Some(record)) if record.pid == pid => return None,
+            Presence::Absent => LinkError::PeerLeft { role, pid },
+            // A successor has not written its record yet.
+            Presence::Alive(None) => return None,
+            Presence::Alive(Some(record)) => LinkError::PeerReplaced { role, pid, by: record.pid },
+            Presence::Dead => LinkError::PeerDied { role, pid },
+        };
+        if !matches!(lost, LinkError::PeerLeft { .. }) {
+            state.node.try_cleanup_dead_nodes();
+        }
+        // The peer's last message still counts, so its publisher stays accepted until the next
+        // peer's is.
+        state.peer = PeerState::Absent;
+        state.lost = Some(lost.clone());
+        Some(PeerEvent::Lost(lost))
+    }
+
+    /// Advances the connection to a peer that is present and not connected yet.
+    fn connect(
+        &self,
+        state: &mut MonitorState,
+        presence: Presence,
+        map_port: impl FnOnce() -> bool,
+    ) -> Result<Option<PeerEvent>, ConnectError> {
+        let Presence::Alive(Some(record)) = presence else {
+            state.peer = PeerState::Absent;
+            return Ok(None);
+        };
+        if let Some(error) = disagreement(In::SENDER, record.params, self.params) {
+            state.peer = PeerState::Absent;
+            let is_new = state.rejected.replace(record.pid) != Some(record.pid);
+            return Ok(is_new.then_some(PeerEvent::Rejected(error)));
+        }
+        let connecting = match state.peer {
+            PeerState::Connecting(peer) if peer.pid == record.pid => Some(peer),
+            _ => self.accept(state, &record, map_port)?,
+        };
+        state.peer = connecting.map_or(PeerState::Absent, PeerState::Connecting);
+        // Both directions must be ready, so that neither end starts without the other.
+        let is_ready = record.connected_to == Some(std::process::id());
+        let Some(peer) = connecting.filter(|_| is_ready) else {
+            return Ok(None);
+        };
+        state.peer = PeerState::Connected(peer);
+        (state.lost, state.rejected) = (None, None);
+        self.connections.fetch_add(1, Ordering::Relaxed);
+        Ok(Some(PeerEvent::Connected(peer)))
+    }
+
+    /// Accepts the messages of the process with this record, once it has created its
+    /// ports, and publishes so.
+    fn accept(
+        &self,
+        state: &mut MonitorState,
+        &RoleRecord { pid, params, .. }: &RoleRecord,
+        map_port: impl FnOnce() -> bool,
+    ) -> Result<Option<Peer>, ConnectError> {
+        let Some(publisher) = self.publisher_of(pid).filter(|_| map_port()) else {
+            return Ok(None);
+        };
+        self.accepted.store(key(publisher), Ordering::Relaxed);
+        let published = state.role.publish_connection(pid);
+        published.map_err(|cause| failed(&self.domain, "write the role's record", &cause))?;
+        Ok(Some(Peer { role: In::SENDER, pid, leg: params.leg }))
+    }
+
+    /// Returns the publisher of process `pid`, once both its ports exist. (Ports of a
+    /// killed predecessor may exist as well.)
+    fn publisher_of(&self, pid: u32) -> Option<UniquePublisherId> {
+        let is_peer = |node: UniqueNodeId| {
+            node.pid::<ipc::Service>().is_ok_and(|id| u32::try_from(id.value()) == Ok(pid))
+        };
+        let mut subscribes = false;
+        self.outgoing.dynamic_config().list_subscribers(|port| {
+            subscribes |= port.subscriber_name == In::SENDER.as_str() && is_peer(port.node_id);
+            CallbackProgression::Continue
+        });
+        let mut publisher = None;
+        self.incoming.dynamic_config().list_publishers(|port| {
+            if is_peer(port.node_id) {
+                publisher = Some(port.publisher_id);
+            }
+            CallbackProgression::Continue
+        });
+        publisher.filter(|_| subscribes)
+    }
+}
+
+/// Monitors the peer of a link whose loop must not block: call
+/// [`PeerMonitor::update`] every 10 to 20 ms from another thread.
+#[derive(Debug)]
+pub struct PeerMonitor<Out: Message, In: Message>(pub(super) Arc<MonitorCore<Out, In>>);
+
+impl<Out: Message, In: Message> Clone for PeerMonitor<Out, In> {
+    fn clone(&self) -> Self {
+        Self(Arc::clone(&self.0))
+    }
+}
+
+impl<Out: Message, In: Message> PeerMonitor<Out, In> {
+    /// Checks the peer, cleans up after one that died, connects to a new one, and
+    /// returns the change. A peer that is stopped (SIGSTOP) stays connected.
+    ///
+    /// # Errors
+    /// Returns [`ConnectError`] when the system fails; a later call may succeed.
+    pub fn update(&self) -> Result<Option<PeerEvent>, ConnectError> {
+        // The loop maps the peer's port by itself, in its next receive.
+        self.0.update(|| true)
+    }
+
+    /// Returns the connected peer.
+    #[must_use]
+    pub fn peer(&self) -> Option<Peer> {
+        self.0.peer()
+    }
+
+    /// Returns the connected peer's process and how often peers connected and were
+    /// lost.
+    #[must_use]
+    pub fn status(&self) -> PeerStatus {
+        PeerStatus {
+            pid: self.peer().map(|peer| peer.pid),
+            connections: self.0.connections.load(Ordering::Relaxed),
+            losses: self.0.losses.load(Ordering::Relaxed),
+        }
+    }
+}

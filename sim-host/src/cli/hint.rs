@@ -1,0 +1,46 @@
+//! What the user can do about an error: the command-line options that help.
+
+use leg_host::LinkError;
+use leg_host::cli::hint::{self, connect_error, domain_error, link_error};
+use leg_host::discovery::DomainError;
+use leg_host::serve::ServeError;
+use leg_host::shm::ConnectError;
+
+use crate::bridge::BridgeError;
+use crate::session::SessionError;
+use crate::session::two_processes::PlayError;
+
+/// Formats an error with its causes and, if there is one, the hint.
+pub(super) fn with_hint(error: &anyhow::Error) -> String {
+    hint::with_hint(format_args!("{error:#}"), hint_on(error))
+}
+
+fn hint_on(error: &anyhow::Error) -> Option<String> {
+    if let Some(error) = error.downcast_ref::<PlayError>() {
+        return match error {
+            PlayError::Connect(cause) => connect_error(cause),
+            PlayError::Session(cause) => session_error(cause),
+            _ => None,
+        };
+    }
+    if let Some(error) = error.downcast_ref::<BridgeError>() {
+        return match error {
+            BridgeError::Connect(cause) => connect_error(cause),
+            BridgeError::Link(cause) | BridgeError::Simulator(ServeError::Link { cause, .. }) => {
+                link_error(cause)
+            }
+            _ => None,
+        };
+    }
+    None.or_else(|| error.downcast_ref::<ConnectError>().and_then(connect_error))
+        .or_else(|| error.downcast_ref::<DomainError>().and_then(domain_error))
+        .or_else(|| error.downcast_ref::<LinkError>().and_then(link_error))
+        .or_else(|| error.downcast_ref::<SessionError>().and_then(session_error))
+}
+
+fn session_error(error: &SessionError) -> Option<String> {
+    match error {
+        SessionError::Link { cause, .. } => link_error(cause),
+        SessionError::NoAnswer { .. } => None,
+    }
+}
