@@ -1,4 +1,4 @@
-//! A made-up policy, for tests.
+//! A policy with arbitrary weights, for tests.
 
 use leg_control::actor::{ActionScaling, ObservationScaling, Widths, packed_len};
 use leg_control::leg::LegModel;

@@ -1,11 +1,11 @@
-//! `controller bench`, as a user calls it.
+//! `controller bench` as a user calls it.
 
 use std::process::Command;
 
 use serde_json::Value;
 
 #[test]
-fn every_kind_of_work_is_timed_and_its_instructions_are_counted() {
+fn bench_times_every_kind_of_work_and_counts_its_instructions() {
     let run = Command::new(env!("CARGO_BIN_EXE_controller")).args(["bench", "--json"]).output();
     let run = run.expect("the controller starts");
     assert!(run.status.success(), "{run:?}");
@@ -20,7 +20,7 @@ fn every_kind_of_work_is_timed_and_its_instructions_are_counted() {
         kinds.iter().map(|kind| report[kind]["instructions"].as_u64()).collect();
     let counts = counts.ok_or_else(|| "a child process cannot be traced here".to_owned());
     let Some(counts) = requirements::Requirement::Ptrace.check(counts) else { return };
-    // An ordinary tick decides nothing; an apex has the actor in it, and more.
+    // A tick between apexes does not evaluate the actor; a tick at an apex does, and more.
     assert!(counts[0] > 50 && counts[1] > 50, "{counts:?}");
     assert!(counts[2] > 2 * counts[0].max(counts[1]) && counts[3] > counts[2], "{counts:?}");
 }

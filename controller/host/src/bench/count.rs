@@ -1,9 +1,9 @@
-//! Counting instructions, by stepping a copy of this process one at a time.
+//! Counting instructions by single-stepping a copy of this process with ptrace.
 //!
-//! Hardware counters are closed to most virtual machines and containers; a
-//! debugger's single step is not, and counts the same every time. The copy
-//! stops itself before and after each piece of work; an empty piece tells what
-//! the stops themselves take.
+//! Most virtual machines and containers hide the hardware counters. Single-stepping
+//! works there too and gives the same count every time. The copy stops itself before and
+//! after each work item; the count of an empty item is the cost of the stops and is
+//! subtracted.
 
 use std::io;
 use std::process::{Child, Command, Stdio};
@@ -14,96 +14,97 @@ use nix::sys::signal::{Signal, raise};
 use nix::sys::wait::{WaitStatus, waitpid};
 use nix::unistd::Pid;
 
-use super::workload::{Kind, Ticks, infer};
+use super::workload::{TickSamples, WorkKind, infer};
 use leg_control::policy::Policy;
 
-/// Pieces of a kind that are counted, evenly spread over all there are.
-const PIECES: usize = 5;
-/// No piece of work takes as many: something else is being stepped.
-const TOO_MANY: u64 = 10_000_000;
+/// Counted work items of each kind, evenly spread over all of that kind.
+const ITEMS: usize = 5;
+/// Limit for one work item. More instructions mean that something else is being stepped.
+const MAX_INSTRUCTIONS: u64 = 10_000_000;
 
-/// Instructions of each kind: of the median piece.
-pub(super) type Counts = [u64; Kind::ALL.len()];
+/// Instructions of the median work item of each kind.
+pub(super) type Counts = [u64; WorkKind::ALL.len()];
 
-/// Why nothing was counted.
+/// The instructions could not be counted.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum CountError {
     #[error("cannot start a copy of this program: {0}")]
     Start(#[from] io::Error),
     #[error(
-        "the system does not let it be stepped ({0}); allow ptrace, as a container does with --cap-add SYS_PTRACE"
+        "the system does not permit ptrace ({0}); a container permits it with --cap-add SYS_PTRACE"
     )]
     Trace(#[from] Errno),
-    #[error("the copy that was stepped ended early ({0:?})")]
+    #[error("the traced copy ended early ({0:?})")]
     Ended(WaitStatus),
-    #[error("a piece of work did not end within {TOO_MANY} instructions")]
+    #[error("a work item did not end within {MAX_INSTRUCTIONS} instructions")]
     TooMany,
 }
 
-/// The copy's part: asks to be traced, then works, with a stop on either side
-/// of each piece.
-pub(super) fn be_counted(policy: &Policy<'_>) -> Result<(), CountError> {
+/// Runs in the copy: requests to be traced, then performs the work items, with a stop
+/// before and after each.
+pub(super) fn run_traced(policy: &Policy<'_>) -> Result<(), CountError> {
     ptrace::traceme()?;
     raise(Signal::SIGSTOP)?;
-    piece(|| ())?;
-    let ticks = Ticks::of(policy);
-    for kind in Kind::ALL {
-        if kind == Kind::Inference {
+    item(|| ())?;
+    let ticks = TickSamples::of(policy);
+    for kind in WorkKind::ALL {
+        if kind == WorkKind::Inference {
             let actor = policy.actor();
-            // Once before: the dynamic linker resolves a function at its first call.
+            // The dynamic linker resolves functions in the first call, so that is not counted.
             infer(actor);
-            for _ in 0..PIECES {
-                piece(|| infer(actor))?;
+            for _ in 0..ITEMS {
+                item(|| infer(actor))?;
             }
         } else {
-            let moments = ticks.of_kind(kind);
-            for i in 0..PIECES {
-                let mut moment = moments[i * moments.len() / PIECES].clone();
-                piece(|| moment.pass())?;
+            let prepared = ticks.of_kind(kind);
+            for i in 0..ITEMS {
+                let mut tick = prepared[i * prepared.len() / ITEMS].clone();
+                item(|| tick.run())?;
             }
         }
     }
     Ok(())
 }
 
-fn piece(work: impl FnOnce()) -> Result<(), Errno> {
+/// Performs a work item between two stops.
+fn item(work: impl FnOnce()) -> Result<(), Errno> {
     raise(Signal::SIGSTOP)?;
     work();
     raise(Signal::SIGSTOP)
 }
 
-/// Starts `copy`, which must come to [`be_counted`], and counts.
+/// Starts `copy`, which must call [`run_traced`], and counts its instructions.
 pub(super) fn count(copy: &mut Command) -> Result<Counts, CountError> {
     let mut child =
         copy.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn()?;
-    let counted = follow(&child);
-    // Counted or not, it is not to be left behind.
+    let counted = trace(&child);
+    // End the copy also after an error.
     let _ = child.kill();
     let _ = child.wait();
     counted
 }
 
-fn follow(child: &Child) -> Result<Counts, CountError> {
+fn trace(child: &Child) -> Result<Counts, CountError> {
     let pid = Pid::from_raw(child.id().cast_signed());
     until_stop(pid)?;
-    let empty = next_piece(pid)?;
+    let empty = count_item(pid)?;
     let mut counts = Counts::default();
     for count in &mut counts {
-        let mut pieces = [0; PIECES];
-        for piece in &mut pieces {
-            *piece = next_piece(pid)?.saturating_sub(empty);
+        let mut items = [0; ITEMS];
+        for item in &mut items {
+            *item = count_item(pid)?.saturating_sub(empty);
         }
-        pieces.sort_unstable();
-        *count = pieces[PIECES / 2];
+        items.sort_unstable();
+        *count = items[ITEMS / 2];
     }
     Ok(counts)
 }
 
-/// Instructions from the next stop to the one after.
-fn next_piece(pid: Pid) -> Result<u64, CountError> {
+/// Counts the instructions from the next stop to the one after it.
+fn count_item(pid: Pid) -> Result<u64, CountError> {
     ptrace::cont(pid, None)?;
     until_stop(pid)?;
-    for steps in 1..=TOO_MANY {
+    for steps in 1..=MAX_INSTRUCTIONS {
         ptrace::step(pid, None)?;
         match waitpid(pid, None)? {
             WaitStatus::Stopped(_, Signal::SIGTRAP) => (),

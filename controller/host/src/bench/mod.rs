@@ -1,4 +1,4 @@
-//! `controller bench`: what the control law costs on this machine.
+//! `controller bench`: the cost of the control law on this machine.
 
 mod count;
 mod workload;
@@ -14,46 +14,47 @@ use count::{CountError, Counts};
 use leg_control::policy::Policy;
 use leg_process::policy_file::{PolicyFile, PolicyFileError};
 use leg_process::stdout;
-use workload::{Kind, Moment, Ticks, infer};
+use workload::{PreparedTick, TickSamples, WorkKind, infer};
 
-/// Calls that are timed together: a look at the clock takes as long as a tick.
+/// Calls that are timed together, because reading the clock takes as long as a tick.
 const BATCH: usize = 64;
 /// Batches of each kind.
 const BATCHES: usize = 4_000;
-/// How the copy whose instructions are counted is told so.
+/// Hidden option that marks the traced copy of this process.
 const COPY: &str = "--as-the-copy-that-is-counted";
 
-/// Measures the control law on this machine: nanoseconds (means over 64 calls)
-/// and instructions of an inference, of ordinary ticks, and of a tick at an apex.
+/// Measure the control law on this machine: nanoseconds (means over 64 calls) and
+/// instructions of an inference, of ticks in flight and in stance, and of a tick at an
+/// apex.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// The policy blob [default: the shipped one].
+    /// Policy file [default: the shipped policy].
     #[arg(long, value_name = "FILE")]
     policy: Option<PathBuf>,
-    /// Print the result as one JSON object: for each kind `ns` {p50, p99,
-    /// `p99_9`, max} and `instructions` (null where they cannot be counted).
+    /// Print the result as one JSON object: for each kind of work `ns` {p50, p99, `p99_9`,
+    /// max} and `instructions` (null if they cannot be counted).
     #[arg(long)]
     json: bool,
     #[arg(long = "as-the-copy-that-is-counted", hide = true)]
     copy: bool,
 }
 
-/// Why nothing was measured.
+/// The measurement failed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum BenchError {
-    /// There is no policy to measure.
+    /// The policy cannot be loaded.
     #[error(transparent)]
     Policy(#[from] PolicyFileError),
-    /// The instructions' counter failed in the copy.
-    #[error("cannot be counted: {0}")]
+    /// The traced copy failed.
+    #[error("cannot count instructions: {0}")]
     Copy(String),
-    /// The figures cannot be printed.
-    #[error("cannot print the figures: {0}")]
+    /// The result cannot be printed.
+    #[error("cannot print the result: {0}")]
     Print(#[from] io::Error),
 }
 
-/// Times of one kind of work, ns, each the mean of a batch.
+/// Quantiles of the times of one kind of work, ns. Each time is the mean of a batch.
 struct TimesNs([f64; 4]);
 
 impl TimesNs {
@@ -66,41 +67,44 @@ impl TimesNs {
     }
 }
 
-/// What was measured.
-struct Measured {
+/// The result of the measurement.
+struct BenchReport {
     policy: String,
     times: Vec<TimesNs>,
     counts: Result<Counts, CountError>,
 }
 
-/// Measures and prints.
+/// Runs the measurement and prints the result.
 ///
 /// # Errors
-/// [`BenchError`]. Instructions that cannot be counted are no error: it says why.
+/// Returns [`BenchError`]. Instructions that cannot be counted are not an error; the
+/// result gives the reason.
 pub fn run(args: &Args) -> Result<(), BenchError> {
     let blob = PolicyFile::load(args.policy.as_deref())?;
     let policy = blob.policy()?;
     if args.copy {
-        return count::be_counted(&policy).map_err(|cause| BenchError::Copy(cause.to_string()));
+        return count::run_traced(&policy).map_err(|cause| BenchError::Copy(cause.to_string()));
     }
-    let measured = Measured {
+    let report = BenchReport {
         policy: policy.manifest().name.to_owned(),
         times: times(&policy),
-        counts: copy(args).map_err(CountError::Start).and_then(|mut copy| count::count(&mut copy)),
+        counts: traced_copy(args)
+            .map_err(CountError::Start)
+            .and_then(|mut copy| count::count(&mut copy)),
     };
     if args.json {
-        stdout::print_line(measured.json())?;
+        stdout::print_line(report.json())?;
     } else {
-        stdout::print_line(measured)?;
+        stdout::print_line(report)?;
     }
     Ok(())
 }
 
-/// This call once more, as the copy.
-fn copy(args: &Args) -> std::io::Result<Command> {
+/// Returns the command that starts this program again as the traced copy.
+fn traced_copy(args: &Args) -> std::io::Result<Command> {
     let mut copy = Command::new(std::env::current_exe()?);
-    // Be it `controller bench` or `sim-host controller bench`.
-    copy.args(std::env::args_os().skip(1).take_while(|word| word != "bench")).arg("bench");
+    // Called as `controller bench` or as `sim-host controller bench`.
+    copy.args(std::env::args_os().skip(1).take_while(|arg| arg != "bench")).arg("bench");
     if let Some(policy) = &args.policy {
         copy.arg("--policy").arg(policy);
     }
@@ -108,39 +112,39 @@ fn copy(args: &Args) -> std::io::Result<Command> {
     Ok(copy)
 }
 
-/// Times of every kind, the kinds taken in turn, so that what else the machine
-/// does hits all alike.
+/// Measures the times of all kinds. The kinds alternate, so that other load on the
+/// machine affects all alike.
 fn times(policy: &Policy<'_>) -> Vec<TimesNs> {
-    let ticks = Ticks::of(policy);
-    let mut batches: Vec<Vec<f64>> = Kind::ALL.map(|_| Vec::with_capacity(BATCHES)).into();
+    let ticks = TickSamples::of(policy);
+    let mut batches: Vec<Vec<f64>> = WorkKind::ALL.map(|_| Vec::with_capacity(BATCHES)).into();
     for round in 0..BATCHES {
-        for (kind, batches) in Kind::ALL.into_iter().zip(&mut batches) {
+        for (kind, batches) in WorkKind::ALL.into_iter().zip(&mut batches) {
             batches.push(match kind {
-                Kind::Inference => mean_ns(&mut [(); BATCH], |()| infer(policy.actor())),
-                _ => mean_ns(&mut batch(ticks.of_kind(kind), round), Moment::pass),
+                WorkKind::Inference => mean_ns(&mut [(); BATCH], |()| infer(policy.actor())),
+                _ => mean_ns(&mut batch(ticks.of_kind(kind), round), PreparedTick::run),
             });
         }
     }
     batches.into_iter().map(TimesNs::of).collect()
 }
 
-fn batch<'a>(moments: &[Moment<'a>], round: usize) -> Vec<Moment<'a>> {
-    (0..BATCH).map(|i| moments[(round * BATCH + i) % moments.len()].clone()).collect()
+fn batch<'a>(ticks: &[PreparedTick<'a>], round: usize) -> Vec<PreparedTick<'a>> {
+    (0..BATCH).map(|i| ticks[(round * BATCH + i) % ticks.len()].clone()).collect()
 }
 
-fn mean_ns<T>(pieces: &mut [T], mut work: impl FnMut(&mut T)) -> f64 {
+fn mean_ns<T>(items: &mut [T], mut work: impl FnMut(&mut T)) -> f64 {
     let start = Instant::now();
-    for piece in pieces.iter_mut() {
-        work(piece);
+    for item in items.iter_mut() {
+        work(item);
     }
-    start.elapsed().as_nanos() as f64 / pieces.len() as f64
+    start.elapsed().as_nanos() as f64 / items.len() as f64
 }
 
-impl Measured {
+impl BenchReport {
     fn json(&self) -> Value {
         let mut object = Map::new();
         object.insert("policy".to_owned(), json!(self.policy));
-        for (i, (kind, times)) in Kind::ALL.into_iter().zip(&self.times).enumerate() {
+        for (i, (kind, times)) in WorkKind::ALL.into_iter().zip(&self.times).enumerate() {
             let ns: Map<_, _> = TimesNs::NAMES
                 .into_iter()
                 .zip(times.0)
@@ -153,15 +157,15 @@ impl Measured {
     }
 }
 
-impl fmt::Display for Measured {
+impl fmt::Display for BenchReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "policy {}; ns, each the mean of {BATCH} calls\n", self.policy)?;
+        writeln!(f, "policy {}; times in ns, each the mean of {BATCH} calls\n", self.policy)?;
         writeln!(
             f,
             "{:<16}{:>9}{:>9}{:>9}{:>9}  {:>12}",
             "", "p50", "p99", "p99.9", "max", "instructions"
         )?;
-        for (i, (kind, TimesNs(ns))) in Kind::ALL.into_iter().zip(&self.times).enumerate() {
+        for (i, (kind, TimesNs(ns))) in WorkKind::ALL.into_iter().zip(&self.times).enumerate() {
             write!(f, "{:<16}", kind.key().replace('_', " "))?;
             for ns in ns {
                 write!(f, "{ns:>9.1}")?;
@@ -172,7 +176,7 @@ impl fmt::Display for Measured {
             }
         }
         match &self.counts {
-            Ok(_) => write!(f, "\ninstructions: of the median call, counted one by one"),
+            Ok(_) => write!(f, "\ninstructions: of the median call, counted by single-stepping"),
             Err(cause) => write!(f, "\ninstructions: not counted: {cause}"),
         }
     }

@@ -1,5 +1,4 @@
-//! What is measured: an inference, and ticks of a leg that falls, bounces and
-//! falls again.
+//! The measured work: an inference, and the ticks of a leg that falls and bounces.
 
 use std::hint::black_box;
 
@@ -9,23 +8,23 @@ use leg_control::policy::Policy;
 use leg_control::wire::{Header, Sample, WIRE_VERSION, flags};
 use leg_control::wire_controller::WireController;
 
-/// The kinds of work that are told apart.
+/// The kinds of measured work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
-    /// The actor alone.
+pub(super) enum WorkKind {
+    /// One evaluation of the actor.
     Inference,
-    /// A tick in the air, between two decisions.
+    /// A tick in flight, between two apexes.
     Flight,
-    /// A tick on the ground.
+    /// A tick in stance.
     Stance,
-    /// A tick that finds an apex: estimate, cascade and actor.
+    /// A tick at an apex: density estimate, cascade and actor.
     Apex,
 }
 
-impl Kind {
+impl WorkKind {
     pub(super) const ALL: [Self; 4] = [Self::Inference, Self::Flight, Self::Stance, Self::Apex];
 
-    /// Its name for scripts.
+    /// Returns the name of the kind in JSON.
     pub(super) fn key(self) -> &'static str {
         match self {
             Self::Inference => "inference",
@@ -36,38 +35,38 @@ impl Kind {
     }
 }
 
-/// A controller just before a tick of some kind, and the tick's sample.
+/// A controller just before a tick, and the tick's sample.
 #[derive(Clone)]
-pub(super) struct Moment<'a> {
+pub(super) struct PreparedTick<'a> {
     controller: WireController<'a>,
     sample: Sample,
 }
 
-impl Moment<'_> {
-    /// The tick.
+impl PreparedTick<'_> {
+    /// Performs the tick.
     #[inline(never)]
-    pub(super) fn pass(&mut self) {
+    pub(super) fn run(&mut self) {
         black_box(self.controller.tick(black_box(Some(&self.sample))));
     }
 }
 
-/// The actor at work on what it sees in mid-shore.
+/// Evaluates the actor for an apex in the middle of the shore.
 #[inline(never)]
 pub(super) fn infer(actor: &Actor<'_>) {
-    let seen = Observation { apex_vx_m_s: 0.3, apex_y_m: 1.5, density_ratio: 0.4 };
-    black_box(actor.act(black_box(seen)));
+    let observation = Observation { apex_vx_m_s: 0.3, apex_y_m: 1.5, density_ratio: 0.4 };
+    black_box(actor.act(black_box(observation)));
 }
 
-/// The ticks of some hops.
-pub(super) struct Ticks<'a> {
-    flight: Vec<Moment<'a>>,
-    stance: Vec<Moment<'a>>,
-    apex: Vec<Moment<'a>>,
+/// The ticks of several hops, by kind.
+pub(super) struct TickSamples<'a> {
+    flight: Vec<PreparedTick<'a>>,
+    stance: Vec<PreparedTick<'a>>,
+    apex: Vec<PreparedTick<'a>>,
 }
 
-impl<'a> Ticks<'a> {
-    /// A leg that stands upright, 80 kg on 20,000 N/m, falls from 1.3 m in air,
-    /// at 1 kHz: the hops that the firmware's instructions are counted over.
+impl<'a> TickSamples<'a> {
+    /// Simulates an upright leg, 80 kg on 20,000 N/m, that falls from 1.3 m in air, at
+    /// 1 kHz. The instruction counts of the firmware are taken over the same hops.
     pub(super) fn of(policy: &Policy<'a>) -> Self {
         const TICK_S: f32 = 1e-3;
         const TICKS: u64 = 3_000;
@@ -91,26 +90,26 @@ impl<'a> Ticks<'a> {
             };
             let (set_point_m_s, vx_m_s) = (0.5, 0.4);
             let sample = Sample { header, set_point_m_s, vx_m_s, y_m, vy_m_s, ..Sample::default() };
-            let moment = Moment { controller: controller.clone(), sample };
+            let tick = PreparedTick { controller: controller.clone(), sample };
             let command = controller.tick(Some(&sample));
             let kind = match (command.apexes > apexes, stance) {
                 (true, _) => &mut ticks.apex,
                 (false, true) => &mut ticks.stance,
                 (false, false) => &mut ticks.flight,
             };
-            kind.push(moment);
+            kind.push(tick);
             apexes = command.apexes;
         }
         ticks
     }
 
-    /// All of a kind, in their order.
-    pub(super) fn of_kind(&self, kind: Kind) -> &[Moment<'a>] {
+    /// Returns all ticks of a kind, in order.
+    pub(super) fn of_kind(&self, kind: WorkKind) -> &[PreparedTick<'a>] {
         match kind {
-            Kind::Inference => &[],
-            Kind::Flight => &self.flight,
-            Kind::Stance => &self.stance,
-            Kind::Apex => &self.apex,
+            WorkKind::Inference => &[],
+            WorkKind::Flight => &self.flight,
+            WorkKind::Stance => &self.stance,
+            WorkKind::Apex => &self.apex,
         }
     }
 }
@@ -121,12 +120,15 @@ mod tests {
     use leg_process::policy_file::PolicyFile;
 
     #[test]
-    fn the_leg_hops_and_every_kind_of_tick_is_there() {
+    fn the_simulated_hops_contain_every_kind_of_tick() {
         let blob = PolicyFile::load(None).unwrap();
-        let ticks = Ticks::of(&blob.policy().unwrap());
+        let ticks = TickSamples::of(&blob.policy().unwrap());
         let count = |kind| ticks.of_kind(kind).len();
-        assert!((3..10).contains(&count(Kind::Apex)), "{}", count(Kind::Apex));
-        assert!(count(Kind::Flight) > 500 && count(Kind::Stance) > 500);
-        assert_eq!(count(Kind::Flight) + count(Kind::Stance) + count(Kind::Apex), 3_000);
+        assert!((3..10).contains(&count(WorkKind::Apex)), "{}", count(WorkKind::Apex));
+        assert!(count(WorkKind::Flight) > 500 && count(WorkKind::Stance) > 500);
+        assert_eq!(
+            count(WorkKind::Flight) + count(WorkKind::Stance) + count(WorkKind::Apex),
+            3_000
+        );
     }
 }

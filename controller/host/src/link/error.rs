@@ -1,6 +1,6 @@
 //! Errors of an established link.
 
-use super::Role;
+use super::params::Role;
 
 /// An established link can no longer be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

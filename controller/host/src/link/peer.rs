@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::Role;
+use super::params::Role;
 
 /// A connected peer whose session parameters agree with this end's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
