@@ -1,29 +1,12 @@
-//! What `ARCHITECTURE.md` promises, checked.
+//! The packages of the workspace: their dependencies, and what crates.io wants of them.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
 use std::process::Command;
 
 use serde::Deserialize;
 
-/// Every path that the code map names exists.
-#[test]
-fn every_path_that_the_architecture_names_exists() {
-    let text = std::fs::read_to_string(harness::root().join("ARCHITECTURE.md")).unwrap();
-    let is_path = |word: &&str| {
-        word.contains('/') && word.chars().all(|c| c.is_alphanumeric() || "/._-".contains(c))
-    };
-    let paths: Vec<&str> = text.split('`').skip(1).step_by(2).filter(is_path).collect();
-    assert!(
-        paths.len() > 20,
-        "only {} paths found: is the map still written in `code`?",
-        paths.len()
-    );
-    let missing: Vec<_> = paths.iter().filter(|p| !harness::root().join(p).exists()).collect();
-    assert!(missing.is_empty(), "ARCHITECTURE.md names what is not there: {missing:?}");
-}
-
-/// What each library may depend on, of this workspace and of crates.io: its normal
-/// dependencies, direct ones. Everything else is refused.
+/// Direct normal dependencies that each library may have.
 const ALLOWED: [(&str, &[&str]); 3] = [
     ("leg-kernel-m4f", &["heapless"]),
     (
@@ -44,7 +27,7 @@ const ALLOWED: [(&str, &[&str]); 3] = [
     ("leg-plant", &["libm", "serde", "smallvec", "thiserror"]),
 ];
 
-/// Which packages of this workspace each may depend on.
+/// Packages of this workspace that each package may depend on.
 const ARROWS: [(&str, &[&str]); 6] = [
     ("leg-process", &["leg-control"]),
     ("leg-host", &["leg-control", "leg-process"]),
@@ -65,6 +48,16 @@ struct Metadata {
 #[derive(Deserialize)]
 struct Package {
     name: String,
+    manifest_path: PathBuf,
+    /// `None`: any registry; empty: none.
+    publish: Option<Vec<String>>,
+    description: Option<String>,
+    readme: Option<String>,
+    documentation: Option<String>,
+    license: Option<String>,
+    rust_version: Option<String>,
+    keywords: Vec<String>,
+    categories: Vec<String>,
     dependencies: Vec<Dependency>,
 }
 
@@ -74,29 +67,35 @@ struct Dependency {
     kind: Option<String>,
 }
 
-/// The normal dependencies of each package of the workspace.
-fn dependencies() -> BTreeMap<String, BTreeSet<String>> {
-    let output = Command::new(env!("CARGO"))
-        .args(["metadata", "--format-version", "1", "--no-deps"])
-        .current_dir(harness::root())
-        .output()
-        .unwrap();
+/// Returns the packages of the workspace.
+fn packages() -> Vec<Package> {
+    let output = cargo(&["metadata", "--format-version", "1", "--no-deps"]);
+    serde_json::from_str::<Metadata>(&output).unwrap().packages
+}
+
+/// Returns the standard output of cargo.
+fn cargo(args: &[&str]) -> String {
+    let output =
+        Command::new(env!("CARGO")).args(args).current_dir(harness::root()).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let metadata: Metadata = serde_json::from_slice(&output.stdout).unwrap();
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// Returns the direct normal dependencies of each package.
+fn dependencies() -> BTreeMap<String, BTreeSet<String>> {
     let normal = |package: Package| {
-        let of_it = package.dependencies.into_iter().filter(|d| d.kind.is_none()).map(|d| d.name);
-        (package.name, of_it.collect())
+        let found = package.dependencies.into_iter().filter(|d| d.kind.is_none()).map(|d| d.name);
+        (package.name, found.collect())
     };
-    metadata.packages.into_iter().map(normal).collect()
+    packages().into_iter().map(normal).collect()
 }
 
 fn set(names: &[&str]) -> BTreeSet<String> {
     names.iter().map(ToString::to_string).collect()
 }
 
-/// The libraries that firmware and others build on depend on what is listed, no more.
 #[test]
-fn libraries_depend_on_nothing_but_what_is_allowed() {
+fn libraries_depend_only_on_what_is_allowed() {
     let found = dependencies();
     for (package, allowed) in ALLOWED {
         let more: Vec<_> = found[package].difference(&set(allowed)).cloned().collect();
@@ -104,7 +103,6 @@ fn libraries_depend_on_nothing_but_what_is_allowed() {
     }
 }
 
-/// Arrows between packages run one way.
 #[test]
 fn packages_depend_on_each_other_one_way() {
     let found = dependencies();
@@ -113,5 +111,45 @@ fn packages_depend_on_each_other_one_way() {
         let inside: BTreeSet<_> = found[package].intersection(&ours).cloned().collect();
         let more: Vec<_> = inside.difference(&set(allowed)).cloned().collect();
         assert!(more.is_empty(), "{package} depends on {more:?}");
+    }
+}
+
+#[test]
+fn the_trainer_compiles_fewer_than_a_hundred_packages_and_no_transport() {
+    let tree = cargo(&["tree", "-p", "trainer", "-e", "normal", "--prefix", "none"]);
+    let names: BTreeSet<&str> =
+        tree.lines().filter_map(|line| line.split_whitespace().next()).collect();
+    assert!(names.len() < 100, "{} packages", names.len());
+    for transport in ["leg-host", "iceoryx2", "serialport"] {
+        assert!(!names.contains(transport), "{transport}");
+    }
+}
+
+#[test]
+fn published_packages_have_what_crates_io_shows() {
+    let published: Vec<Package> =
+        packages().into_iter().filter(|package| package.publish.is_none()).collect();
+    let names: BTreeSet<&str> = published.iter().map(|package| package.name.as_str()).collect();
+    assert_eq!(names, BTreeSet::from(["leg-control", "leg-kernel-m4f", "leg-plant"]));
+    for package in published {
+        let name = &package.name;
+        for (field, value) in [
+            ("description", &package.description),
+            ("readme", &package.readme),
+            ("documentation", &package.documentation),
+            ("license", &package.license),
+            ("rust-version", &package.rust_version),
+        ] {
+            assert!(value.is_some(), "{name} has no {field}");
+        }
+        // The limits of crates.io.
+        let is_short = |keyword: &String| keyword.len() <= 20;
+        assert!((1..=5).contains(&package.keywords.len()), "{name}: {:?}", package.keywords);
+        assert!(package.keywords.iter().all(is_short), "{name}: {:?}", package.keywords);
+        assert!((1..=5).contains(&package.categories.len()), "{name}: {:?}", package.categories);
+        let folder = package.manifest_path.parent().unwrap();
+        for file in ["README.md", "LICENSE-MIT", "LICENSE-APACHE"] {
+            assert!(folder.join(file).is_file(), "{name} has no {file}");
+        }
     }
 }

@@ -1,4 +1,4 @@
-//! From training to flying, by the three programs that a user runs.
+//! From training to a run, with the three programs that a user starts.
 
 use serde_json::Value;
 use std::path::Path;
@@ -21,12 +21,12 @@ fn train(folder: &Path, name: &str) -> Vec<u8> {
 }
 
 #[test]
-fn a_policy_is_trained_evaluated_and_flown_by_a_controller_of_its_own() {
+fn trains_and_evaluates_a_policy_and_runs_it_in_a_separate_controller_process() {
     let folder = tempfile::tempdir().unwrap();
     let blob = train(folder.path(), "policy.bin");
-    assert_eq!(blob, train(folder.path(), "again.bin"), "the same seed, the same file");
+    assert_eq!(blob, train(folder.path(), "again.bin"), "the same seed gives another file");
     let log = std::fs::read_to_string(folder.path().join("policy.csv")).unwrap();
-    assert!(log.lines().count() > 500, "a row for every episode");
+    assert!(log.lines().count() > 500, "one line per episode");
     let policy = folder.path().join("policy.bin");
 
     let (json, said, status) = run(harness::program("trainer")
@@ -34,13 +34,13 @@ fn a_policy_is_trained_evaluated_and_flown_by_a_controller_of_its_own() {
         .arg(&policy));
     assert_eq!(status, Some(0), "{said}");
     let report: Value = serde_json::from_str(&json).expect("one JSON object");
-    for figure in ["survive30", "abs_v_median", "abs_v_p95", "reward5", "max_speed"] {
-        assert!(report[figure]["0"].is_number() || report[figure]["0"].is_null(), "{figure}");
-        assert_eq!(report[figure].as_object().unwrap().len(), 8, "{figure} at every density");
+    for metric in ["survive30", "abs_v_median", "abs_v_p95", "reward5", "max_speed"] {
+        assert!(report[metric]["0"].is_number() || report[metric]["0"].is_null(), "{metric}");
+        assert_eq!(report[metric].as_object().unwrap().len(), 8, "{metric} at every density");
     }
     assert_eq!(report["tracking"].as_array().unwrap().len(), 48);
 
-    // Two programs, started apart, meet in shared memory.
+    // Two separate processes connect over shared memory.
     let domain = format!("pipeline-{}", std::process::id());
     let mut controller = harness::program("controller")
         .args(["--once", "--domain", &domain, "--policy"])
@@ -48,12 +48,12 @@ fn a_policy_is_trained_evaluated_and_flown_by_a_controller_of_its_own() {
         .stdout(Stdio::piped())
         .spawn()
         .expect("the controller starts");
-    let flight = ["run", "--medium", "water", "--duration", "20", "--set-point", "0.3", "--json"];
-    let (apart, said, _) =
-        run(harness::program("sim-host").args(flight).args(["--domain", &domain]));
+    let options = ["run", "--medium", "water", "--duration", "20", "--set-point", "0.3", "--json"];
+    let (separate, said, _) =
+        run(harness::program("sim-host").args(options).args(["--domain", &domain]));
     assert!(controller.wait().expect("the controller ends").success());
     let (together, _, _) = run(harness::program("sim-host")
-        .args(flight)
+        .args(options)
         .arg("--in-process")
         .arg("--policy")
         .arg(&policy));
@@ -62,11 +62,11 @@ fn a_policy_is_trained_evaluated_and_flown_by_a_controller_of_its_own() {
         assert!(run["ticks"].as_u64().unwrap() > 1_000);
         run["state_hash"].clone()
     };
-    assert_eq!(hash(&apart), hash(&together));
+    assert_eq!(hash(&separate), hash(&together));
 }
 
 #[test]
-fn what_the_trainer_infers_is_what_the_shipped_policy_says() {
+fn trainer_infer_prints_the_actions_of_the_controllers_actor() {
     use leg_control::actor::Observation;
     use leg_control::policy::{Policy, SHIPPED};
     let folder = tempfile::tempdir().unwrap();

@@ -1,13 +1,12 @@
-//! The main job, by the program that a user runs: two processes, real shared
-//! memory, the shipped policy.
+//! The shore demo as a user runs it: two processes, shared memory, the shipped policy.
 
 use serde_json::Value;
 use std::path::Path;
 use std::process::Output;
 
-/// Of every state and command of the shore under the shipped policy, on any
-/// machine. Changes only when policy, control law, plant or scenario do: then
-/// redraw `sim-host/pictures/shore.svg` too.
+/// Hash of every state and command of the shore run with the shipped policy, the same on
+/// any machine. It changes only with policy, control law, plant or scenario; then redraw
+/// `sim-host/pictures/shore.svg` too.
 const GOLDEN_HASH: &str = "9f9ba2dcdc071032";
 
 fn shore(folder: &Path, more: &[&str]) -> Output {
@@ -25,14 +24,14 @@ fn json(output: &Output) -> Value {
 }
 
 #[test]
-fn the_shipped_policy_walks_out_of_the_sea_the_same_way_every_time() {
+fn the_shore_run_has_the_golden_state_hash_and_repeats_exactly() {
     let folder = tempfile::tempdir().unwrap();
     let first = json(&shore(folder.path(), &["--json"]));
     assert_eq!(first["falls"], 0);
     assert_eq!(first["end_rho"], 0.0);
     assert!(first["distance_m"].as_f64().unwrap() > 40.0);
     assert!(first["hops"].as_u64().unwrap() > 30);
-    assert_eq!(first["state_hash"], GOLDEN_HASH, "the run is another one than the README shows");
+    assert_eq!(first["state_hash"], GOLDEN_HASH, "the run differs from the committed one");
     assert!(first["rho_error_max"].as_f64().unwrap() < 0.01);
     for region in ["water", "shore", "land"] {
         let error = first["tracking"][region].as_f64().unwrap();
@@ -47,10 +46,10 @@ fn the_shipped_policy_walks_out_of_the_sea_the_same_way_every_time() {
 }
 
 #[test]
-fn a_file_that_is_no_policy_is_misuse_and_said_once() {
+fn rejects_a_file_that_is_not_a_policy_with_one_message_and_status_2() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("not-a-policy.bin");
-    std::fs::write(&path, b"GIF89a, in truth").unwrap();
+    std::fs::write(&path, b"GIF89a, an image").unwrap();
     let output = shore(folder.path(), &["--policy", path.to_str().unwrap()]);
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{said}");
@@ -60,7 +59,7 @@ fn a_file_that_is_no_policy_is_misuse_and_said_once() {
 }
 
 #[test]
-fn a_folder_that_cannot_be_written_is_a_failure_that_names_it() {
+fn reports_an_output_folder_that_cannot_be_written() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("in-the-way");
     std::fs::write(&file, b"").unwrap();

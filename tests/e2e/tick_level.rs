@@ -1,5 +1,5 @@
-//! The controller at a fixed rate against the tick-level plant does what the
-//! actor does on the apex map, ever more closely as the rate grows.
+//! The controller at a fixed rate with the tick-level plant, compared with the actor on the
+//! apex map: the difference vanishes as the rate grows.
 
 use leg_control::actor::Observation;
 use leg_control::config::Config;
@@ -10,21 +10,21 @@ use leg_plant::{
     Action, Apex, Body, EventKind, Flat, Hopper, Leg, LegCommand, Medium, Phase, TickPlant,
 };
 
-/// What f32 samples alone make of a hop's velocity, m/s.
+/// Error of a hop's velocity from the rounding of samples to f32 alone, m/s.
 const F32_FLOOR_M_S: f64 = 5e-6;
-/// Length of each run, s.
+/// Duration of each run, s.
 const RUN_S: u64 = 16;
 
-/// What is played.
+/// Parameters of a run.
 #[derive(Clone, Copy, Debug)]
-struct Play {
+struct Run {
     rate_hz: u32,
     density_ratio: f64,
-    /// What the leg senses, as flags of its samples.
+    /// Flags of the sensors that the leg has.
     senses: u16,
 }
 
-impl Play {
+impl Run {
     fn medium(&self) -> Medium {
         Medium::new(self.density_ratio, 9.81).unwrap()
     }
@@ -49,8 +49,8 @@ impl Play {
         }
     }
 
-    /// What the apex map makes of the actor's own action at this apex, shown
-    /// the velocity with the cascade's offset.
+    /// Returns the next apex on the apex map under the actor's action at this one, observed
+    /// with the velocity offset of the cascade.
     fn on_the_map(&self, policy: &Policy<'_>, apex: Apex, offset_m_s: f32) -> Option<Apex> {
         let action = policy.actor().act(Observation {
             apex_vx_m_s: apex.vx_m_s as f32 - offset_m_s,
@@ -64,8 +64,8 @@ impl Play {
         Hopper::new(&Leg::human(), self.medium()).hop(apex, action).outcome.next()
     }
 
-    /// For each hop of a run, how far the apex velocity is from the apex map's,
-    /// m/s; infinite where one of the two falls and the other does not.
+    /// Returns for each hop of a run the difference of the apex velocity from the apex map,
+    /// m/s; infinite where only one of the two falls.
     fn differences(&self, policy: &Policy<'_>, start: Apex) -> Vec<f64> {
         let config = Config::at_rate(self.rate_hz).unwrap();
         let mut controller = WireController::new(policy.clone(), config);
@@ -97,7 +97,7 @@ impl Play {
         found
     }
 
-    /// Over runs from many starts: hops, median difference, largest, m/s.
+    /// Returns hops, median difference and largest difference in m/s over many starts.
     fn differences_over_starts(&self) -> (usize, f64, f64) {
         let policy = Policy::parse(SHIPPED).unwrap();
         let mut all = Vec::new();
@@ -121,9 +121,9 @@ fn as_leg_command(command: &Command) -> LegCommand {
 
 fn compare(density_ratio: f64, senses: u16) -> [f64; 3] {
     [1_000, 2_000, 4_000].map(|rate_hz| {
-        let play = Play { rate_hz, density_ratio, senses };
-        let (hops, median, worst) = play.differences_over_starts();
-        println!("{play:?}: {hops} hops, median {median:.1e} m/s, worst {worst:.1e}");
+        let run = Run { rate_hz, density_ratio, senses };
+        let (hops, median, worst) = run.differences_over_starts();
+        println!("{run:?}: {hops} hops, median {median:.1e} m/s, worst {worst:.1e}");
         assert!(hops > 100, "only {hops} hops");
         assert!(worst.is_finite(), "the loop and the map do not agree on a fall");
         assert!(median <= 0.005, "{median} m/s");
@@ -132,17 +132,17 @@ fn compare(density_ratio: f64, senses: u16) -> [f64; 3] {
 }
 
 #[test]
-fn the_loop_closes_in_on_the_apex_map_as_the_rate_grows() {
+fn the_loop_converges_to_the_apex_map_as_the_rate_grows() {
     for density_ratio in [0.0, 0.3, 1.0] {
         let [coarse, middle, fine] = compare(density_ratio, flags::CONTACT_SENSED);
-        let closes_in = fine < middle && middle < coarse;
-        // In air hopping in steps, the estimate changes no bit of the action.
-        assert!(closes_in || coarse < F32_FLOOR_M_S, "{coarse} {middle} {fine}");
+        let converges = fine < middle && middle < coarse;
+        // In air the density estimate changes no bit of the action.
+        assert!(converges || coarse < F32_FLOOR_M_S, "{coarse} {middle} {fine}");
     }
 }
 
 #[test]
-fn told_the_density_the_loop_is_as_exact_as_its_samples() {
+fn with_a_measured_density_the_loop_is_exact_to_the_rounding_of_samples() {
     for density_ratio in [0.0, 0.3, 1.0] {
         let medians = compare(density_ratio, flags::CONTACT_SENSED | flags::DENSITY_SENSED);
         assert!(medians.iter().all(|&m| m < F32_FLOOR_M_S), "{medians:?}");
@@ -150,7 +150,7 @@ fn told_the_density_the_loop_is_as_exact_as_its_samples() {
 }
 
 #[test]
-fn a_leg_that_senses_its_length_instead_of_contact_does_as_well() {
+fn detects_contact_from_the_leg_length_without_a_contact_sensor() {
     for density_ratio in [0.0, 0.3, 1.0] {
         compare(density_ratio, flags::LEG_LENGTH_SENSED);
     }

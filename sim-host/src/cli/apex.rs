@@ -15,7 +15,7 @@ use leg_process::atomic_file;
 use super::Misuse;
 
 const COLUMNS: &str = "\
-Input columns, in any order, found by their names in the first line:
+Input columns, in any order, identified by the names in the first line:
   vx     horizontal velocity at the apex, m/s, from -1000 to 1000 (required)
   y      height at the apex, m, above 0 and at most 100000 (required)
   alpha  touchdown angle from the +x axis, rad, from -2 pi to 2 pi (required)
@@ -24,46 +24,47 @@ Input columns, in any order, found by their names in the first line:
   k      spring stiffness, N/m, above 0 and at most 1e9 (20000)
   g      gravity, m/s2, from 0 to 1000 (9.81)
   rho    density ratio: 1 water, 0 air; from 0 to 100 (0)
-Others are ignored.
+Other columns are ignored.
 
 Output columns: m, k, g, rho, vx, y, alpha, rs, then
   outcome                         apex, apex_in_stance or fall
   hops                            stances begun
   t_touchdown, x_foot, t_liftoff  of the first stance, s and m
   t_apex, x_apex, vx_next, y_next the next apex
-Times and places count from the start; a cell is empty where there is nothing to tell.
-Numbers have the digits it takes to read the same number back.
+Times and places count from the start; a cell is empty where it does not apply.
+Numbers have as many digits as needed to read back the same value.
 
-After an error nothing is written. Exit status: 2 for bad input, 1 for another failure.";
+After an error no output is written. Exit status: 2 for bad input, 1 for another failure.";
 
-/// Takes hops: from one apex to the next, for each row of a CSV file.
+/// Computes the hop from one apex to the next for each row of a CSV file.
 #[derive(Debug, clap::Args)]
 #[command(after_help = COLUMNS)]
 pub(super) struct Args {
-    /// The cases; - reads from standard input.
+    /// CSV file of apexes and actions; - reads from standard input.
     #[arg(long, value_name = "FILE", default_value = "-")]
     input: PathBuf,
-    /// Where the hops go; - writes to standard output.
+    /// CSV file for the hops; - writes to standard output.
     #[arg(long, value_name = "FILE", default_value = "-")]
     output: PathBuf,
 }
 
-/// An input column: its name, what stands in where it is absent, and what it may hold.
+/// An input column: its name, its default if it is absent, and its range.
 struct Column {
     name: &'static str,
     default: Option<f64>,
     allowed: Allowed,
 }
 
-/// A range of numbers, its ends included; wide of all that hops.
+/// A range of numbers, its ends included, wider than that of any leg that hops.
 #[derive(Clone, Copy)]
 enum Allowed {
-    /// But not 0.
+    /// Above 0, up to the value.
     AboveZeroTo(f64),
+    /// From 0 to the value.
     ZeroTo(f64),
-    /// From the negative of it.
+    /// From the negative of the value to the value.
     UpTo(f64),
-    /// A whole turn either way.
+    /// Up to a whole turn in either direction.
     Angle,
 }
 
@@ -89,7 +90,7 @@ impl fmt::Display for Allowed {
     }
 }
 
-/// The input columns in the order of the output.
+/// Returns the input columns in the order of the output.
 fn columns() -> [Column; 8] {
     let leg = *Leg::human().parameters();
     let medium = Medium::default();
@@ -118,7 +119,7 @@ const RESULTS: [&str; 9] = [
     "y_next",
 ];
 
-/// Reads the cases, takes the hops, and writes them once all have succeeded.
+/// Reads all rows, computes the hops and writes them once all have succeeded.
 pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let name = args.input.display();
     let hops = if is_standard(&args.input) {
@@ -130,7 +131,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     };
     if is_standard(&args.output) {
         match io::stdout().lock().write_all(&hops) {
-            // Whoever reads has read enough.
+            // The reader has closed the pipe.
             Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {}
             result => result.context("cannot write to standard output")?,
         }
@@ -145,7 +146,7 @@ fn is_standard(path: &Path) -> bool {
     path.as_os_str() == "-"
 }
 
-/// The output for an input.
+/// Converts the input to the output.
 fn convert(input: impl Read, name: &str) -> anyhow::Result<Vec<u8>> {
     let columns = columns();
     let mut reader =
@@ -184,7 +185,7 @@ fn convert(input: impl Read, name: &str) -> anyhow::Result<Vec<u8>> {
     Ok(writer.into_inner()?)
 }
 
-/// Where in a row each column is.
+/// Finds the position of each column in a row.
 fn places(
     columns: &[Column; 8],
     header: &StringRecord,
@@ -219,7 +220,7 @@ impl Column {
     }
 }
 
-/// The hop of one row.
+/// Computes the hop of one row.
 fn hop([m, k, g, rho, vx, y, alpha, rs]: [f64; 8]) -> anyhow::Result<Hop> {
     let mut parameters = *Leg::human().parameters();
     parameters.mass_kg = m;
@@ -232,7 +233,7 @@ fn hop([m, k, g, rho, vx, y, alpha, rs]: [f64; 8]) -> anyhow::Result<Hop> {
     Ok(Hopper::new(&leg, medium).hop(start, action))
 }
 
-/// The cells of [`RESULTS`].
+/// Formats the cells of [`RESULTS`].
 fn results(hop: &Hop) -> [String; 9] {
     let number = |value: Option<f64>| value.map_or_else(String::new, |x| format!("{x:?}"));
     let (outcome, next) = match hop.outcome {

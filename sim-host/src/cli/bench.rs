@@ -7,19 +7,19 @@ use leg_process::stdout;
 
 use crate::bench::{self, Size};
 
-/// What to measure.
+/// The benchmarks.
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Bench {
-    /// The lock-step loop between two processes, beside its transport alone.
+    /// Time the lock-step loop between two processes and its transport alone.
     Loop(LoopArgs),
-    /// The other process of `bench loop`.
+    /// Run the second process of `bench loop`.
     #[command(hide = true)]
     Echo(EchoArgs),
 }
 
-/// Measures, in turn, a round trip through bare shared memory, one through bare
-/// iceoryx2, and a full tick in lock-step (sample, guard, gait, cascade,
-/// command, plant), between two processes.
+/// Measures in turn, between two processes: a round trip through bare shared
+/// memory, one through bare iceoryx2, and a full tick in lock-step (sample, guard,
+/// gait, cascade, command, plant).
 #[derive(Debug, clap::Args)]
 pub(super) struct LoopArgs {
     #[command(flatten)]
@@ -30,7 +30,7 @@ pub(super) struct LoopArgs {
     json: bool,
 }
 
-/// How the other process is called.
+/// Options of the second process.
 #[derive(Debug, clap::Args)]
 pub(super) struct EchoArgs {
     #[arg(long)]
@@ -58,12 +58,12 @@ fn measure(args: &LoopArgs) -> anyhow::Result<()> {
         .spawn()?;
     let report = bench::measure(&domain, args.size);
     if report.is_err() {
-        // It may wait for what will not come.
+        // It may wait for messages that will not arrive.
         let _ = echo.kill();
     }
     let ended = echo.wait()?;
     let report = report?;
-    anyhow::ensure!(ended.success(), "the other process failed ({ended}); its message is above");
+    anyhow::ensure!(ended.success(), "the second process failed ({ended}); its message is above");
     if args.json {
         stdout::print_line(serde_json::to_string(&report)?)?;
     } else {

@@ -6,14 +6,14 @@ use leg_process::stdout;
 
 use crate::faults::help;
 
-/// Prints the faults that there are.
+/// Prints all faults.
 pub(super) fn main() -> anyhow::Result<ExitCode> {
     stdout::print_line(help())?;
     Ok(ExitCode::SUCCESS)
 }
 
-/// Whether the program was called with `--fault help`.
-pub(super) fn asked_for() -> bool {
+/// Returns whether the program was called with `--fault help`.
+pub(super) fn is_requested() -> bool {
     let arguments: Vec<_> = std::env::args_os().collect();
     arguments.windows(2).any(|pair| pair[0] == "--fault" && pair[1] == "help")
         || arguments.iter().any(|argument| argument == "--fault=help")

@@ -1,8 +1,8 @@
 //! The `sim-host` command line: one file a subcommand.
 //!
-//! Exit status: 0 when all went well; 2 for what the caller can put right, a
-//! wrong option or bad input (`Misuse`, and whatever clap refuses); 1 for any
-//! other failure, a leg that falls among them.
+//! Exit status: 0 for success; 2 for errors that the caller can correct, such as
+//! a wrong option or bad input (`Misuse`, and the errors of clap); 1 for any other
+//! failure, including a fall of the leg.
 
 mod apex;
 mod bench;
@@ -10,7 +10,6 @@ mod bridge;
 mod faults;
 mod hint;
 mod plot;
-mod real_time;
 mod recording;
 mod replay;
 mod robustness;
@@ -25,8 +24,8 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use leg_process::policy_file::PolicyFile;
 
-/// Plays the leg to a controller. Without a command: the shore, the leg's way
-/// out of the sea onto land.
+/// Simulates the leg for a controller. Without a command it runs the demonstration:
+/// from water over the shore onto land.
 #[derive(Debug, Parser)]
 #[command(name = "sim-host", version, about, args_conflicts_with_subcommands = true)]
 struct Program {
@@ -38,49 +37,50 @@ struct Program {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Play a scenario to a controller, in lock-step or in real time.
+    /// Play a scenario with a controller, in lock-step or in real time.
     Run(Box<run::Args>),
-    /// Be the controller: as the `controller` program.
+    /// Run the controller, like the `controller` program.
     Controller(leg_host::cli::Call),
-    /// Be the controller by way of a flashed one, on a serial line.
+    /// Connect a flashed controller on a serial line as the controller.
     Bridge(Box<bridge::Args>),
     /// Watch a running leg in the terminal, and operate it.
     Watch(watch::Args),
-    /// Replay a recording: are the commands those of its controller, bit for bit?
+    /// Replay a recording and compare the commands bit for bit.
     Replay(replay::Args),
-    /// Draw a recording as an SVG picture.
+    /// Plot a recording as SVG.
     Plot(plot::Args),
-    /// Write a recording: what `run --record` starts.
+    /// Write a recording; `run --record` starts this.
     #[command(hide = true)]
     Recorder {
         /// The file.
         path: PathBuf,
     },
-    /// Sweep: how much of each fault a policy stands.
+    /// Measure how much of each fault a policy tolerates.
     Robustness(robustness::Args),
-    /// List the faults that `run --fault` can put into a run.
+    /// List the faults for `run --fault`.
     Faults,
-    /// Measure what a tick costs on this machine.
+    /// Measure the time of a tick on this machine.
     Bench {
-        /// What.
+        /// The benchmark.
         #[command(subcommand)]
         what: bench::Bench,
     },
-    /// Take hops: from one apex to the next, for each row of a CSV file.
+    /// Compute the next apex for each row of a CSV file.
     Apex(apex::Args),
 }
 
-/// Runs the program; gives its exit status.
+/// Runs the program and returns its exit status.
 #[must_use]
 pub fn main() -> ExitCode {
-    let outcome = if faults::asked_for() { faults::main() } else { play(&Program::parse()) };
+    let outcome =
+        if faults::is_requested() { faults::main() } else { run_command(&Program::parse()) };
     outcome.unwrap_or_else(|error| {
         eprintln!("sim-host: {}", hint::with_hint(&error));
         ExitCode::from(if error.is::<Misuse>() { 2 } else { 1 })
     })
 }
 
-fn play(program: &Program) -> anyhow::Result<ExitCode> {
+fn run_command(program: &Program) -> anyhow::Result<ExitCode> {
     match &program.command {
         None => shore::main(&program.shore),
         Some(Command::Run(args)) => run::main(args),
@@ -97,7 +97,7 @@ fn play(program: &Program) -> anyhow::Result<ExitCode> {
     }
 }
 
-/// An error that the caller can put right: exit status 2.
+/// An error that the caller can correct: exit status 2.
 #[derive(Debug)]
 struct Misuse(String);
 
@@ -109,13 +109,13 @@ impl fmt::Display for Misuse {
 
 impl std::error::Error for Misuse {}
 
-/// What is said as an error that the caller can put right.
+/// Marks an error as one that the caller can correct.
 fn misuse(error: impl fmt::Display) -> anyhow::Error {
     Misuse(error.to_string()).into()
 }
 
-/// The policy to run, checked. A controller process checks it too; first here,
-/// so that what is wrong with it is said once, by the program that was called.
+/// Loads and checks a policy file. A controller process checks it too; checking it
+/// here first reports an error once, by the program that the user called.
 fn checked_policy(path: Option<&Path>) -> anyhow::Result<PolicyFile> {
     let blob = PolicyFile::load(path).map_err(misuse)?;
     blob.policy().map_err(misuse)?;
@@ -126,9 +126,9 @@ fn checked_policy(path: Option<&Path>) -> anyhow::Result<PolicyFile> {
 mod tests {
     use clap::CommandFactory;
 
-    /// What clap checks only in debug builds, and only of the command called.
+    /// Clap checks this in debug builds only, and only for the command called.
     #[test]
-    fn the_command_line_is_of_one_piece() {
+    fn the_command_line_definition_is_consistent() {
         super::Program::command().debug_assert();
     }
 }

@@ -9,19 +9,19 @@ use super::misuse;
 use crate::plot::{Course, picture};
 use leg_process::atomic_file;
 
-/// Draws a recording over time: height, velocity at each apex and set-point,
-/// density, commands; what happened, and when the leg was under a safe command.
+/// Plots a recording over time: height, velocity at each apex and set-point,
+/// density, commands, events, and where a safe command was in force.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
-    /// What `sim-host run --record` wrote.
+    /// Recording made by `sim-host run --record`.
     recording: PathBuf,
-    /// Where the picture goes.
+    /// SVG file to write.
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
-    /// From this simulated time on, s [default: the beginning].
+    /// Begin of the plot in simulated time, s [default: the start].
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     from: Option<f64>,
-    /// Until this simulated time, s [default: the end].
+    /// End of the plot in simulated time, s [default: the end].
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     until: Option<f64>,
 }
@@ -36,7 +36,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let course = Course::read(&args.recording, from_s..until_s).map_err(misuse)?;
     if course.is_empty() {
         return Err(misuse(format!(
-            "{}: nothing of it lies between --from {from_s} s and --until {until_s} s; it ends at {:.3} s",
+            "{}: it has no ticks between --from {from_s} s and --until {until_s} s; it ends at {:.3} s",
             args.recording.display(),
             course.end_s
         )));

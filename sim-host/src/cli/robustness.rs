@@ -13,24 +13,24 @@ use leg_process::atomic_file::AtomicFile;
 
 const MOST_RUNS: u64 = 100_000;
 
-/// Plays a policy under faults of growing size, one kind at a time, in each
-/// medium, from seeded starts; prints and draws the share of runs that still hop
+/// Plays a policy under faults of growing level, one kind at a time, in each
+/// medium, from seeded starts. Prints and plots the share of runs that still hop
 /// after 30 hops.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
-    /// The policy [default: the shipped one].
+    /// Policy file [default: the shipped policy].
     #[arg(long, value_name = "FILE")]
     policy: Option<PathBuf>,
-    /// Runs at each level, each from a start of its own.
+    /// Runs at each level, each from another start.
     #[arg(long, value_name = "N", default_value_t = 20, allow_negative_numbers = true)]
     runs: u64,
-    /// Threads [default: one a core]; the result is the same for any number.
+    /// Threads [default: one per core]; the result is the same for any number.
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     jobs: Option<usize>,
-    /// Where the leg hops.
+    /// Media in which the leg hops.
     #[arg(long, value_name = "MEDIA", value_delimiter = ',', default_value = "water,shore,land")]
     media: Vec<Media>,
-    /// Where picture and table go: robustness.svg, robustness.csv.
+    /// Directory for robustness.svg and robustness.csv.
     #[arg(long, value_name = "DIR", default_value = "out")]
     out: PathBuf,
     /// Print the result as one JSON object.
@@ -54,7 +54,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     }
     let blob = checked_policy(args.policy.as_deref())?;
     let policy = blob.policy().map_err(misuse)?;
-    // Now, so that a folder that cannot be written to does not cost the sweep.
+    // Opened before the sweep, so that an unwritable directory is reported at once.
     let (svg, csv) = (begin(&args.out, "robustness.svg")?, begin(&args.out, "robustness.csv")?);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(jobs).build()?;
     let size = Size { runs: args.runs, media };

@@ -1,4 +1,4 @@
-//! `sim-host` alone: the main job.
+//! `sim-host` without a subcommand: the demonstration.
 
 use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
@@ -15,24 +15,24 @@ use super::checked_policy;
 use super::recording::Recording;
 use crate::scenario::{Scenario, Settings};
 use crate::session::TickRecord;
-use crate::session::child::ControllerCall;
-use crate::session::two_processes::{self, Meeting, new_run_id};
+use crate::session::child::ControllerArgs;
+use crate::session::two_processes::{self, ConnectOptions, new_run_id};
 use crate::shore::track::ApexMark;
-use crate::shore::{Recorder, picture};
+use crate::shore::{TrackRecorder, picture};
 use leg_process::atomic_file::AtomicFile;
 
-/// A line of the journal every so many metres.
-const JOURNAL_M: f64 = 5.0;
-/// How long either process waits for the other.
+/// Distance between two lines of progress, m.
+const PROGRESS_M: f64 = 5.0;
+/// Longest wait of either process for the other.
 const TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Walks the shipped policy out of the sea, over the shore, onto land.
+/// Runs the shipped policy from water over the shore onto land.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
-    /// The policy to run [default: the shipped one].
+    /// Policy file [default: the shipped policy].
     #[arg(long, value_name = "FILE")]
     policy: Option<PathBuf>,
-    /// Where the picture goes.
+    /// Directory for the picture, shore.svg.
     #[arg(long, value_name = "DIR", default_value = "out")]
     out: PathBuf,
     /// Record every tick to an MCAP file, for `replay`, `plot` and other programs.
@@ -46,35 +46,35 @@ pub(super) struct Args {
 pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let policy = checked_policy(args.policy.as_deref())?;
     let name = policy.policy()?.manifest().name.to_owned();
-    // Now, so that a folder that cannot be written to does not cost a run.
+    // Opened before the run, so that an unwritable directory is reported at once.
     let (picture, path) = begin_picture(&args.out)?;
     let scenario = Scenario::shore();
     let record = args.record.as_deref();
     let mut recording =
         Recording::begin(record, &Settings::shore(), &scenario, TimeMode::LockStep)?;
-    let mut journal = (!args.json).then(|| Journal::begin(&name, &scenario)).transpose()?;
-    let mut recorder = Recorder::default();
+    let mut progress = (!args.json).then(|| Progress::begin(&name, &scenario)).transpose()?;
+    let mut recorder = TrackRecorder::default();
     let stop = Stop::on_signals()?;
-    let meeting = meeting(args, &scenario);
-    recording.poll_policies(&meeting.domain, meeting.run_id);
-    let outcome = two_processes::play(
+    let connect = connect_options(args, &scenario);
+    recording.poll_policies(&connect.domain, connect.run_id);
+    let outcome = two_processes::run_lock_step(
         &scenario,
-        &meeting,
+        &connect,
         &stop,
         |_| (),
         |tick| {
             recording.push(tick);
             let apex = recorder.observe(tick);
-            if let Some(journal) = &mut journal {
-                journal.tick(tick, apex);
+            if let Some(progress) = &mut progress {
+                progress.tick(tick, apex);
             }
         },
     );
     let outcome = outcome.map_err(anyhow::Error::from);
     let recorded = recording.finish(outcome.as_ref());
     let outcome = outcome?;
-    if let Some(journal) = &journal {
-        journal.end();
+    if let Some(progress) = &progress {
+        progress.end();
     }
 
     let report = recorder.report(&outcome, scenario.density.at(outcome.body.x_m));
@@ -92,10 +92,10 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn meeting(args: &Args, scenario: &Scenario) -> Meeting {
-    // A domain of its own: two runs at once never meet.
+fn connect_options(args: &Args, scenario: &Scenario) -> ConnectOptions {
+    // A domain per process, so that runs at the same time do not connect to each other.
     let domain = format!("shore-{}", std::process::id());
-    let call = ControllerCall {
+    let controller = ControllerArgs {
         policy: args.policy.clone(),
         rate_hz: scenario.rate_hz,
         gravity_m_s2: scenario.controller_gravity_m_s2(),
@@ -103,14 +103,14 @@ fn meeting(args: &Args, scenario: &Scenario) -> Meeting {
         timeout: TIMEOUT,
         real_time: Vec::new(),
     };
-    Meeting { domain, timeout: TIMEOUT, start: Some(call), run_id: new_run_id() }
+    ConnectOptions { domain, timeout: TIMEOUT, start: Some(controller), run_id: new_run_id() }
 }
 
-/// The picture's file, begun, and its path.
+/// Opens the picture's file; returns it with its path.
 fn begin_picture(folder: &Path) -> anyhow::Result<(AtomicFile, PathBuf)> {
     let path = folder.join("shore.svg");
     if path.exists() && !path.is_file() {
-        anyhow::bail!("{}: it is there and is not a file", cannot_write(&path));
+        anyhow::bail!("{}: it exists and is not a file", cannot_write(&path));
     }
     let pending = std::fs::create_dir_all(folder)
         .and_then(|()| AtomicFile::create(&path))
@@ -122,7 +122,7 @@ fn cannot_write(path: &Path) -> String {
     format!("cannot write {}; --out chooses another folder", path.display())
 }
 
-fn draw(mut file: AtomicFile, recorder: &Recorder, scenario: &Scenario) -> anyhow::Result<()> {
+fn draw(mut file: AtomicFile, recorder: &TrackRecorder, scenario: &Scenario) -> anyhow::Result<()> {
     let svg = picture::draw(recorder.track(), |x_m| scenario.density.at(x_m))
         .map_err(|cause| anyhow::anyhow!("cannot draw the picture: {cause}"))?;
     file.write_all(svg.as_bytes())?;
@@ -130,13 +130,13 @@ fn draw(mut file: AtomicFile, recorder: &Recorder, scenario: &Scenario) -> anyho
     Ok(())
 }
 
-/// The run as it goes: a bar on a terminal, a line every few metres anywhere.
-struct Journal {
+/// Prints the progress of the run: a bar on a terminal, and a line every few metres.
+struct Progress {
     bar: ProgressBar,
     next_m: f64,
 }
 
-impl Journal {
+impl Progress {
     fn begin(policy: &str, scenario: &Scenario) -> io::Result<Self> {
         stdout::print_line(format_args!(
             "Out of the sea: policy `{policy}`, {} Hz, lock-step, two processes",
@@ -162,14 +162,14 @@ impl Journal {
         self.bar.set_position((1e3 * tick.body.x_m.max(0.0)) as u64);
         self.bar.set_message(format!("{:.1} m, {:.2} m/s", apex.x_m, apex.vx_m_s));
         if apex.x_m >= self.next_m {
-            self.next_m = (apex.x_m / JOURNAL_M).floor() * JOURNAL_M + JOURNAL_M;
+            self.next_m = (apex.x_m / PROGRESS_M).floor() * PROGRESS_M + PROGRESS_M;
             let ApexMark {
                 t_s, x_m, vx_m_s, set_point_m_s, density_ratio, density_estimate, ..
             } = apex;
             let line = format!(
                 "  {t_s:>5.1} s  {x_m:>6.2} m  {vx_m_s:>8.3} m/s  {set_point_m_s:>5.1} m/s  {density_ratio:>7.3}  {density_estimate:>9.3}"
             );
-            // What cannot be said on the way need not stop the run: the report will say why.
+            // A failure to print does not stop the run; the final report will fail with the reason.
             let _ = self.bar.suspend(|| stdout::print_line(line));
         }
     }

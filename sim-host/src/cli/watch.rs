@@ -7,12 +7,12 @@ use leg_host::discovery::DEFAULT_DOMAIN;
 use super::misuse;
 use crate::watch::{self, WatchError};
 
-/// Shows a running leg in this terminal, live: how it hops, its velocity at
-/// each apex, the density, what the loop counts. Who watches disturbs nothing;
-/// leg and controller may come and go.
+/// Shows a running leg live in this terminal: its motion, its velocity at each
+/// apex, the density and the loop's counts. Watching does not change the run; leg
+/// and controller may start and stop meanwhile.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
-    /// The domain in which they meet.
+    /// The domain of leg and controller.
     #[arg(long, value_name = "NAME", default_value = DEFAULT_DOMAIN)]
     domain: String,
 }

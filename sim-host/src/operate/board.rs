@@ -100,7 +100,7 @@ impl Board {
         if orders != *known {
             *known = orders;
             let m_s = f64::from_bits(self.set_point_bits.load(Relaxed));
-            leg.order(self.is_ordered.load(Relaxed).then_some(m_s));
+            leg.override_set_point(self.is_ordered.load(Relaxed).then_some(m_s));
         }
     }
 

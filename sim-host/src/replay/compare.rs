@@ -1,4 +1,4 @@
-//! Two commands, field by field.
+//! Compares two commands field by field.
 
 use leg_control::wire::{Command, Header};
 use serde::Serialize;
@@ -6,22 +6,22 @@ use serde::Serialize;
 /// A field in which two commands differ.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Difference {
-    /// Tick of the sample that both answer.
+    /// Tick of the sample that both commands answer.
     pub tick: u64,
-    /// The field's name on the wire.
+    /// Name of the field on the wire.
     pub field: &'static str,
-    /// Its value in the recording, and the bits of that.
+    /// Value and bits in the recording.
     pub recorded: Value,
-    /// Its value in the replay, and the bits of that.
+    /// Value and bits in the replay.
     pub replayed: Value,
 }
 
 /// The value of a field.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Value {
-    /// To be read.
+    /// The value in decimal.
     pub value: String,
-    /// All of it, hexadecimal.
+    /// The bits in hexadecimal.
     pub bits: String,
 }
 
@@ -43,7 +43,7 @@ impl From<u64> for Value {
     }
 }
 
-/// The first field in which the bits differ.
+/// Returns the first field whose bits differ.
 #[must_use]
 pub fn difference(recorded: &Command, replayed: &Command) -> Option<Difference> {
     let tick = recorded.header.seq;
@@ -86,7 +86,7 @@ impl Field {
 
 fn fields(command: &Command) -> [(&'static str, Field); 15] {
     use Field::{F32, U32, U64};
-    // Taken apart, so that a field that is added is not forgotten here.
+    // Destructured, so that the compiler reports a new field.
     let Command {
         header: Header { version, flags, run_id, seq, t_ns },
         leg_angle_rad,
@@ -124,7 +124,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_bit_is_a_difference_and_the_first_one_is_told() {
+    fn returns_the_first_field_that_differs_in_a_bit() {
         let command = Command { elongation_m: 0.25, ..Command::default() };
         assert_eq!(difference(&command, &command), None);
         let negative = Command { apex_y_m: -0.0, ..command };
@@ -136,6 +136,6 @@ mod tests {
         assert_eq!(found.field, "elongation_m");
         assert_eq!((&*found.recorded.bits, &*found.replayed.bits), ("3e800000", "3e800001"));
         let nan = Command { elongation_m: f32::from_bits(0x7fc0_0001), ..command };
-        assert_eq!(difference(&nan, &nan), None, "the same bits, also of what is no number");
+        assert_eq!(difference(&nan, &nan), None, "equal NaNs have equal bits");
     }
 }

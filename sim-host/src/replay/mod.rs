@@ -1,21 +1,20 @@
-//! A recording played again: its samples go to the controller, and its commands
-//! are held against those that come.
+//! Replays a recording: passes its samples to a controller and compares the
+//! commands with the recorded ones.
 //!
-//! In lock-step the controller has seen every sample, so the same one must give
-//! the same commands, to the last bit. In real time it may have missed some,
-//! and what it saw is not recorded; see `twin`.
+//! In lock-step the controller received every sample, so the same policy must give
+//! the same commands bit for bit. In real time it may have missed samples, and the
+//! recording does not tell which; see `controller`.
 
 mod compare;
+mod controller;
 mod report;
 mod source;
-mod twin;
 
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
-use leg_control::config::{Config as Law, ConfigError};
+use leg_control::config::{Config as ControlConfig, ConfigError};
 use leg_control::policy::{ParseError, Policy};
-use leg_control::wire::Command;
 use leg_control::wire_controller::WireController;
 use leg_process::policy_file::{AlignedBytes, PolicyFile, PolicyFileError};
 
@@ -23,38 +22,38 @@ use crate::record::read::ReadError;
 use crate::record::schema::Config;
 
 pub use compare::{Difference, difference};
-pub use report::{ApexRow, Report};
+use controller::{Divergence, ReplayController, Swap};
+pub use report::{ApexComparison, ReplayReport};
 pub use source::{Answer, Source, Summary};
-use twin::{Swap, Twin};
 
 /// Why a recording cannot be replayed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReplayError {
-    /// It cannot be read.
+    /// The recording cannot be read.
     #[error(transparent)]
     Read(#[from] ReadError),
-    /// The policy to try is none.
+    /// The other policy is invalid.
     #[error(transparent)]
     Policy(#[from] PolicyFileError),
-    /// The recording has no policy in it.
+    /// The recording contains no policy.
     #[error(
-        "{}: the recording does not have the policy that ran, as when the controller was behind a bridge; --policy FILE names it",
+        "{}: the recording does not contain the policy that ran, as when the controller was behind a bridge",
         .0.display()
     )]
     NoPolicy(PathBuf),
-    /// A policy in the recording is none.
-    #[error("{}: the policy `{name}` in it is not one to run: {cause}", path.display())]
+    /// A policy in the recording is invalid.
+    #[error("{}: the policy `{name}` in it cannot run: {cause}", path.display())]
     BadPolicy {
         /// The recording.
         path: PathBuf,
-        /// The policy.
+        /// The policy's name.
         name: String,
-        /// Which check it fails.
+        /// The check that it fails.
         cause: ParseError,
     },
-    /// It is of another version of the messages.
-    #[error("{}: its messages are of version {theirs}, this program's of {ours}; replay it with the release that made it ({release})", path.display())]
+    /// The recording has another version of the messages.
+    #[error("{}: its messages have version {theirs}, this program's have {ours}; replay it with the release that made it ({release})", path.display())]
     WireVersion {
         /// The recording.
         path: PathBuf,
@@ -65,23 +64,23 @@ pub enum ReplayError {
         /// Version of the program that made it.
         release: String,
     },
-    /// Its rate or gravity cannot be.
+    /// Its rate or gravity is out of range.
     #[error("{}: {cause}", path.display())]
     Config {
         /// The recording.
         path: PathBuf,
-        /// Which.
+        /// The cause.
         cause: ConfigError,
     },
 }
 
-/// Plays the recording at `path` again; with `other`, to that policy.
+/// Replays the recording at `path`; if `other` is given, with that policy.
 ///
 /// # Errors
-/// [`ReplayError`] when there is nothing to play.
-pub fn replay(path: &Path, other: Option<&PolicyFile>) -> Result<Report, ReplayError> {
+/// [`ReplayError`] if the recording or the policy cannot be used.
+pub fn replay(path: &Path, other: Option<&PolicyFile>) -> Result<ReplayReport, ReplayError> {
     let summary = Summary::of(path)?;
-    let law = law(path, &summary.config)?;
+    let config = control_config(path, &summary.config)?;
     let blobs: Vec<AlignedBytes> =
         summary.policies.iter().map(|policy| policy.blob.as_slice().into()).collect();
     let mut swaps = match other {
@@ -91,8 +90,8 @@ pub fn replay(path: &Path, other: Option<&PolicyFile>) -> Result<Report, ReplayE
     let Some(Swap { policy: Some(first), .. }) = swaps.pop_front() else {
         return Err(ReplayError::NoPolicy(path.to_owned()));
     };
-    let mut report = Report::new(path, &summary, first.manifest().name, other.is_some());
-    let mut twin = Twin::new(WireController::new(first, law), swaps);
+    let mut report = ReplayReport::new(path, &summary, first.manifest().name, other.is_some());
+    let mut controller = ReplayController::new(WireController::new(first, config), swaps);
     let mut source = Source::open(path)?;
     while let Some(answer) = source.next_answer()? {
         if let Some(why) = &answer.gap {
@@ -100,27 +99,27 @@ pub fn replay(path: &Path, other: Option<&PolicyFile>) -> Result<Report, ReplayE
             break;
         }
         if other.is_some() {
-            let replayed = twin.answer(&answer);
-            report.other(&answer, &replayed);
+            let replayed = controller.command(&answer);
+            report.add_other(&answer, &replayed);
             continue;
         }
-        match twin.follow(&answer) {
-            Ok(begun_anew) => report.same(&answer, begun_anew),
-            Err(twin::Parted::Different(difference)) => {
-                report.different(&answer, difference);
+        match controller.follow(&answer) {
+            Ok(continuity) => report.add_same(&answer, continuity),
+            Err(Divergence::Different(difference)) => {
+                report.add_different(&answer, difference);
                 break;
             }
-            Err(twin::Parted::TooManyWays) => {
+            Err(Divergence::TooManyCandidates) => {
                 report.stop(format!(
-                    "by tick {} so many samples had no command that what the controller saw of \
-                     them cannot be found out",
-                    answer.command.seq
+                    "by tick {} so many samples had no command that it cannot be determined \
+                     which of them the controller received",
+                    answer.command.header.seq
                 ));
                 break;
             }
-            Err(twin::Parted::NoPolicy { seq }) => {
+            Err(Divergence::NoPolicy { seq }) => {
                 report.stop(format!(
-                    "at tick {seq} the controller was given a policy that the recording does not have"
+                    "at tick {seq} the controller received a policy that the recording does not contain"
                 ));
                 break;
             }
@@ -130,7 +129,7 @@ pub fn replay(path: &Path, other: Option<&PolicyFile>) -> Result<Report, ReplayE
     Ok(report)
 }
 
-fn law(path: &Path, config: &Config) -> Result<Law, ReplayError> {
+fn control_config(path: &Path, config: &Config) -> Result<ControlConfig, ReplayError> {
     let ours = leg_control::wire::WIRE_VERSION;
     if config.wire_version != u32::from(ours) {
         return Err(ReplayError::WireVersion {
@@ -140,12 +139,12 @@ fn law(path: &Path, config: &Config) -> Result<Law, ReplayError> {
             release: config.sim_host_version.clone(),
         });
     }
-    Law::at_rate(config.rate_hz)
-        .and_then(|law| law.with_gravity(config.gravity_m_s2))
+    ControlConfig::at_rate(config.rate_hz)
+        .and_then(|control| control.with_gravity(config.gravity_m_s2))
         .map_err(|cause| ReplayError::Config { path: path.to_owned(), cause })
 }
 
-/// The policies in the order in which the controller was given them.
+/// Returns the policies in the order in which the controller received them.
 fn recorded_policies<'a>(
     path: &Path,
     summary: &Summary,
@@ -165,14 +164,9 @@ fn recorded_policies<'a>(
         swaps.push(Swap { at: (recorded.run_id, recorded.seq), policy });
     }
     swaps.sort_by_key(|swap| swap.at);
-    // One that came in the middle of the run says nothing of its beginning.
+    // Without the policy of the first tick the replay cannot start.
     if swaps.first().is_none_or(|first| first.at > summary.first) {
         swaps.clear();
     }
     Ok(swaps.into())
-}
-
-/// The command in a recorded answer.
-fn recorded(answer: &Answer) -> Command {
-    Command::from(&answer.command)
 }

@@ -1,4 +1,4 @@
-//! What a replay came to.
+//! The result of a replay.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -7,72 +7,71 @@ use leg_control::wire::Command;
 use serde::Serialize;
 
 use super::compare::{Difference, difference};
-use super::recorded;
+use super::controller::Continuity;
 use super::source::{Answer, Source, Summary};
 use crate::record::read::ReadError;
 use crate::scenario::Settings;
 
-/// Rows of the table at the beginning of the text.
-const ROWS: usize = 12;
+/// Most apexes in the text table.
+const MAX_TABLE_APEXES: usize = 12;
 
-/// What both controllers decided at an apex of the recording.
+/// The decisions of both controllers at an apex of the recording.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct ApexRow {
-    /// Tick of the sample at which the recorded one decided.
+pub struct ApexComparison {
+    /// Tick of the sample at which the recorded controller decided.
     pub tick: u64,
-    /// Its time, s.
+    /// Time of that tick, s.
     pub t_s: f64,
-    /// The velocity asked for, m/s.
+    /// Set-point, m/s.
     pub set_point_m_s: f32,
-    /// Recorded: the velocity at the apex, m/s.
+    /// Recorded velocity at the apex, m/s.
     pub apex_vx_m_s: f32,
-    /// Density ratio that the actor was given: recorded, replayed.
+    /// Density ratio that the actor received: recorded, replayed.
     pub density_ratio: [f32; 2],
     /// Leg angle, rad: recorded, replayed.
     pub leg_angle_rad: [f32; 2],
     /// Fastest elongation until the next apex, m/s: recorded, replayed.
     pub elongation_rate_m_s: [f32; 2],
-    /// The cascade's offset, m/s: recorded, replayed.
+    /// Offset of the velocity cascade, m/s: recorded, replayed.
     pub velocity_offset_m_s: [f32; 2],
 }
 
-/// What a replay came to.
+/// Result of a replay.
 #[derive(Clone, Debug, Serialize)]
-pub struct Report {
+pub struct ReplayReport {
     /// The recording.
     pub recording: PathBuf,
     /// `lock-step` or `real-time`.
     pub pace: String,
-    /// The policy that answered; the first, when it was swapped.
+    /// The policy replayed; the first one if it was swapped.
     pub policy: String,
-    /// Whether another policy than the recorded one was to answer.
+    /// Whether another policy than the recorded one was replayed.
     pub is_other: bool,
     /// Ticks in the recording.
     pub ticks: u64,
-    /// Commands that were compared.
+    /// Commands compared.
     pub compared: u64,
-    /// Whether all those were the same, to the last bit.
+    /// Whether all compared commands were equal bit for bit.
     pub equal: bool,
-    /// Commands that differ. For the recorded policy the replay ends with the first.
+    /// Commands that differ. With the recorded policy the replay ends at the first.
     pub different: u64,
-    /// Samples for which the recording has no command; in lock-step none.
+    /// Samples without a command in the recording; none in lock-step.
     pub unanswered: u64,
-    /// Where.
+    /// The first difference.
     pub first_difference: Option<Difference>,
-    /// Ticks at which the recorded controller knew nothing of the ticks before,
-    /// as a process that is started again.
-    pub began_anew: Vec<u64>,
+    /// Ticks at which the recorded controller had restarted without any state.
+    pub restart_ticks: Vec<u64>,
     /// Why the rest of the recording was not compared.
     pub not_compared: Option<String>,
-    /// For another policy: apex by apex.
-    pub apexes: Vec<ApexRow>,
-    /// What is wrong with the file.
+    /// Decisions at each apex, for another policy.
+    pub apexes: Vec<ApexComparison>,
+    /// Warnings about the recording.
     pub warnings: Vec<String>,
     #[serde(skip)]
-    apexes_told: u32,
+    last_apexes: u32,
 }
 
-impl Report {
+impl ReplayReport {
     pub(super) fn new(path: &Path, summary: &Summary, policy: &str, is_other: bool) -> Self {
         Self {
             recording: path.to_owned(),
@@ -85,38 +84,38 @@ impl Report {
             different: 0,
             unanswered: 0,
             first_difference: None,
-            began_anew: Vec::new(),
+            restart_ticks: Vec::new(),
             not_compared: None,
             apexes: Vec::new(),
-            warnings: faults(summary).into_iter().collect(),
-            apexes_told: 0,
+            warnings: fault_warning(summary).into_iter().collect(),
+            last_apexes: 0,
         }
     }
 
-    pub(super) fn same(&mut self, answer: &Answer, begun_anew: bool) {
+    pub(super) fn add_same(&mut self, answer: &Answer, continuity: Continuity) {
         self.count(answer);
-        if begun_anew {
-            self.began_anew.push(answer.command.seq);
+        if continuity == Continuity::Restarted {
+            self.restart_ticks.push(answer.command.header.seq);
         }
     }
 
-    pub(super) fn different(&mut self, answer: &Answer, difference: Difference) {
+    pub(super) fn add_different(&mut self, answer: &Answer, difference: Difference) {
         self.count(answer);
         self.equal = false;
         self.different += 1;
         self.first_difference.get_or_insert(difference);
     }
 
-    /// What another policy says to the same samples.
-    pub(super) fn other(&mut self, answer: &Answer, replayed: &Command) {
-        let recorded = recorded(answer);
-        match difference(&recorded, replayed) {
-            Some(difference) => self.different(answer, difference),
+    /// Adds the command of another policy for the same samples.
+    pub(super) fn add_other(&mut self, answer: &Answer, replayed: &Command) {
+        let recorded = &answer.command;
+        match difference(recorded, replayed) {
+            Some(difference) => self.add_different(answer, difference),
             None => self.count(answer),
         }
-        if recorded.apexes != self.apexes_told {
-            self.apexes_told = recorded.apexes;
-            self.apexes.push(ApexRow {
+        if recorded.apexes != self.last_apexes {
+            self.last_apexes = recorded.apexes;
+            self.apexes.push(ApexComparison {
                 tick: recorded.header.seq,
                 t_s: 1e-9 * answer.sample.header.t_ns as f64,
                 set_point_m_s: answer.sample.set_point_m_s,
@@ -128,8 +127,7 @@ impl Report {
             });
         }
         if let Some(row) = self.apexes.last_mut() {
-            for (fastest, command) in row.elongation_rate_m_s.iter_mut().zip([&recorded, replayed])
-            {
+            for (fastest, command) in row.elongation_rate_m_s.iter_mut().zip([recorded, replayed]) {
                 *fastest = fastest.max(command.elongation_rate_m_s);
             }
         }
@@ -154,17 +152,17 @@ impl Report {
     }
 }
 
-/// What is to be known of a run with faults on purpose.
-fn faults(summary: &Summary) -> Option<String> {
+/// Returns a warning if faults were injected into the run.
+fn fault_warning(summary: &Summary) -> Option<String> {
     let settings = Settings::from_toml(&summary.config.scenario_toml).ok()?;
     (!settings.faults.is_empty()).then(|| {
-        "the run had faults on purpose; where they are on the link, the controller may have seen \
-         other samples than the recorded ones"
+        "faults were injected into the run; if they affected the link, the controller may have \
+         received other samples than the recorded ones"
             .to_owned()
     })
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for ReplayReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { policy, compared, different, .. } = self;
         writeln!(
@@ -177,8 +175,8 @@ impl fmt::Display for Report {
         if self.unanswered > 0 {
             writeln!(f, "{} samples without a command in the recording", self.unanswered)?;
         }
-        for tick in &self.began_anew {
-            writeln!(f, "at tick {tick} the recorded controller began anew, knowing nothing")?;
+        for tick in &self.restart_ticks {
+            writeln!(f, "at tick {tick} the recorded controller restarted without any state")?;
         }
         match &self.first_difference {
             None => writeln!(f, "{compared} commands compared: the same, bit for bit")?,
@@ -204,15 +202,15 @@ impl fmt::Display for Report {
     }
 }
 
-impl Report {
+impl ReplayReport {
     fn table(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "\nAt each apex, recorded and by {}:", self.policy)?;
         writeln!(
             f,
             "{:>9} {:>7} {:>9}  {:>15}  {:>17}  {:>15}  {:>17}",
-            "time, s", "asked", "apex vx", "density", "leg angle, rad", "push, m/s", "offset, m/s"
+            "time, s", "set-pt", "apex vx", "density", "leg angle, rad", "push, m/s", "offset, m/s"
         )?;
-        for row in self.apexes.iter().take(ROWS) {
+        for row in self.apexes.iter().take(MAX_TABLE_APEXES) {
             let pair = |[a, b]: [f32; 2], digits: usize| format!("{a:.digits$} {b:.digits$}");
             writeln!(
                 f,
@@ -226,7 +224,7 @@ impl Report {
                 pair(row.velocity_offset_m_s, 4),
             )?;
         }
-        match self.apexes.len().saturating_sub(ROWS) {
+        match self.apexes.len().saturating_sub(MAX_TABLE_APEXES) {
             0 => Ok(()),
             more => writeln!(f, "and {more} more apexes (--json has them all)"),
         }

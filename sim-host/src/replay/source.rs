@@ -1,5 +1,5 @@
-//! A recording as a sequence of answers: a command, and the samples up to the
-//! one that it answers.
+//! Reads a recording as a sequence of answers: a command and the samples up to
+//! the one that it answers.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -7,26 +7,26 @@ use std::path::Path;
 use leg_control::wire::{self, Header};
 
 use crate::record::read::{ReadError, Reader};
-use crate::record::schema::{AnyMessage, Command, Config, Policy};
+use crate::record::schema::{AnyMessage, Config, Policy};
 
-/// What a recording says beside its ticks.
+/// What a recording contains beside its ticks.
 #[derive(Clone, Debug)]
 pub struct Summary {
-    /// What was played.
+    /// The scenario and the program.
     pub config: Config,
     /// Every policy.
     pub policies: Vec<Policy>,
-    /// Its first run and the number of its first tick.
+    /// Run id and number of the first tick.
     pub first: (u32, u64),
-    /// Samples in it.
+    /// Number of samples.
     pub ticks: u64,
 }
 
 impl Summary {
-    /// Reads through a recording.
+    /// Reads a recording to its end.
     ///
     /// # Errors
-    /// [`ReadError`].
+    /// [`ReadError`] if the file is not a recording, or has no configuration or tick.
     pub fn of(path: &Path) -> Result<Self, ReadError> {
         let mut reader = Reader::open(path)?;
         let (mut config, mut policies) = (None, Vec::new());
@@ -49,16 +49,16 @@ impl Summary {
     }
 }
 
-/// A command that came, and what the controller may have gone by.
+/// A command that arrived, and the samples that the controller may have used.
 #[derive(Clone, Debug)]
 pub struct Answer {
-    /// The sample that it answers.
+    /// The sample that the command answers.
     pub sample: wire::Sample,
-    /// Those before it for which no command came; none in lock-step.
+    /// Earlier samples without a command; none in lock-step.
     pub unanswered: Vec<wire::Sample>,
     /// The command.
-    pub command: Command,
-    /// Why nothing can be said of this answer and all after it.
+    pub command: wire::Command,
+    /// Why this answer and all after it cannot be compared.
     pub gap: Option<String>,
 }
 
@@ -66,7 +66,7 @@ pub struct Answer {
 pub struct Source {
     reader: Reader,
     samples: VecDeque<wire::Sample>,
-    /// Run and number.
+    /// Run id and number of the last sample.
     last: Option<(u32, u64)>,
     gap: Option<String>,
 }
@@ -75,21 +75,21 @@ impl Source {
     /// Opens a recording.
     ///
     /// # Errors
-    /// [`ReadError`].
+    /// [`ReadError`] if the file is not a recording.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
         Ok(Self { reader: Reader::open(path)?, samples: VecDeque::new(), last: None, gap: None })
     }
 
-    /// The next answer, `None` after the last.
+    /// Returns the next answer, `None` after the last.
     ///
     /// # Errors
-    /// [`ReadError`].
+    /// [`ReadError`] if reading fails.
     pub fn next_answer(&mut self) -> Result<Option<Answer>, ReadError> {
         while let Some(message) = self.reader.next_message()? {
             match message {
-                AnyMessage::Sample(sample) => self.sample(&(&sample).into()),
+                AnyMessage::Sample(sample) => self.push(&(&sample).into()),
                 AnyMessage::Command(command) if command.is_new => {
-                    return Ok(Some(self.answer(command)));
+                    return Ok(Some(self.answer((&command).into())));
                 }
                 _ => (),
             }
@@ -97,28 +97,29 @@ impl Source {
         Ok(None)
     }
 
-    /// What was wrong with the file; once all is read.
+    /// Reads the rest of the file and returns a description of what was wrong
+    /// with it.
     ///
     /// # Errors
-    /// [`ReadError`].
+    /// [`ReadError`] if reading fails.
     pub fn warning(&mut self) -> Result<Option<String>, ReadError> {
         while self.reader.next_message()?.is_some() {}
         Ok(self.reader.warning())
     }
 
-    fn sample(&mut self, sample: &wire::Sample) {
+    fn push(&mut self, sample: &wire::Sample) {
         let Header { run_id, seq, .. } = sample.header;
         let last = self.last.replace((run_id, seq));
         if last.is_some_and(|last| last.0 != run_id) {
-            // The leg was put back to its start: what it sensed before is over.
+            // The leg was put back to its start, so earlier samples no longer matter.
             self.samples.clear();
         } else if let Some((_, last)) = last
             && seq != last + 1
             && self.gap.is_none()
         {
             self.gap = Some(format!(
-                "ticks {} to {} are not in the recording: the recorder had no room for them; \
-                 what the controller knew after them cannot be told",
+                "ticks {} to {} are not in the recording, because its buffer was full; the \
+                 controller's state after them is unknown",
                 last + 1,
                 seq - 1
             ));
@@ -126,11 +127,12 @@ impl Source {
         self.samples.push_back(*sample);
     }
 
-    fn answer(&mut self, command: Command) -> Answer {
+    fn answer(&mut self, command: wire::Command) -> Answer {
+        let answered = command.header.seq;
         let mut unanswered = Vec::new();
         let mut found = None;
-        while let Some(sample) = self.samples.pop_front_if(|s| s.header.seq <= command.seq) {
-            if sample.header.seq == command.seq {
+        while let Some(sample) = self.samples.pop_front_if(|s| s.header.seq <= answered) {
+            if sample.header.seq == answered {
                 found = Some(sample);
             } else {
                 unanswered.push(sample);
@@ -138,7 +140,7 @@ impl Source {
         }
         let mut gap = self.gap.clone();
         if found.is_none() && gap.is_none() {
-            gap = Some(format!("the sample of tick {} is not in the recording", command.seq));
+            gap = Some(format!("the sample of tick {answered} is not in the recording"));
         }
         Answer { sample: found.unwrap_or_default(), unanswered, command, gap }
     }

@@ -1,8 +1,8 @@
-//! What a run is: leg, medium, set-point, start and end, checked.
+//! The validated description of a run: leg, medium, set-point, start and end.
 //!
-//! A scenario comes from a TOML file, from flags, or from both (the flags
-//! win). Every value that cannot be is refused with its name, its value and
-//! the limit.
+//! A scenario comes from a TOML file, from command-line options, or from both, of
+//! which the options override the file. A value out of range is rejected with its
+//! name, the value and the limit.
 
 mod profile;
 mod settings;
@@ -28,61 +28,62 @@ use leg_plant::{Body, Ground, Leg, Medium};
 const MAX_DURATION_S: f64 = 86_400.0;
 const DEFAULT_DURATION_S: f64 = 60.0;
 const DEFAULT_RATE_HZ: u32 = 1000;
-/// Farthest end, and farthest start, m.
+/// Largest distance of the end from the start, and of the start from 0, m.
 const MAX_DISTANCE_M: f64 = 1e6;
 const MAX_GRAVITY_M_S2: f64 = 100.0;
 
-/// A run, ready to be played.
+/// A validated run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scenario {
-    /// Ticks a second.
+    /// Ticks per second.
     pub rate_hz: u32,
-    /// The run ends after this time, s.
+    /// Longest duration, s.
     pub duration_s: f64,
-    /// And at this distance from its start, m.
+    /// Distance from the start at which the run ends, m.
     pub distance_m: Option<f64>,
-    /// The leg, as the controller is told.
+    /// The leg for which the controller is configured.
     pub leg: Leg,
-    /// Density ratio of the medium along x, m.
+    /// Density ratio of the medium over x.
     pub density: Profile,
     /// Gravity, m/s2.
     pub gravity_m_s2: f64,
-    /// How the controller learns the density.
+    /// How the controller obtains the density.
     pub density_sense: DensitySense,
-    /// The velocity asked for.
+    /// Velocity set-point over time and place.
     pub set_points: SetPoints,
-    /// The state at the start, its spread applied.
+    /// State at the start, with the random spread applied.
     pub start: Body,
-    /// What goes wrong.
+    /// Faults to inject.
     pub faults: Faults,
 }
 
 impl Scenario {
-    /// The shore: out of the sea onto land, from rest, the density estimated.
+    /// Returns the demonstration: from rest in water over the shore onto land, with
+    /// the density estimated.
     #[must_use]
     pub fn shore() -> Self {
         Self::from_settings(&Settings::shore()).expect("part of the program, and tested")
     }
 
-    /// Time between two ticks, s.
+    /// Returns the time between two ticks, s.
     #[must_use]
     pub fn tick_s(&self) -> f64 {
         1.0 / f64::from(self.rate_hz)
     }
 
-    /// Ticks in the longest run.
+    /// Returns the number of ticks in the full duration.
     #[must_use]
     pub fn ticks(&self) -> u64 {
         (self.duration_s * f64::from(self.rate_hz)).ceil() as u64
     }
 
-    /// Gravity as the controller knows it, m/s2.
+    /// Returns the gravity for the controller's configuration, m/s2.
     #[must_use]
     pub fn controller_gravity_m_s2(&self) -> f32 {
         self.gravity_m_s2 as f32
     }
 
-    /// The leg, as a policy states the one that it was trained for.
+    /// Returns the leg's parameters in the form in which a policy states them.
     #[must_use]
     pub fn leg_model(&self) -> LegModel {
         let p = self.leg.parameters();
@@ -100,7 +101,7 @@ impl Scenario {
         }
     }
 
-    /// What to tell a controller in another process, before the first message.
+    /// Returns the parameters on which leg and controller must agree.
     #[must_use]
     pub fn session_params(&self) -> SessionParams {
         SessionParams::at(self.rate_hz)
@@ -108,8 +109,8 @@ impl Scenario {
             .with_leg(&self.leg_model())
     }
 
-    /// The leg that is played: the one that the controller is told, or another
-    /// where a fault makes it heavier or stiffer.
+    /// Returns the leg of the plant: that of the controller's configuration, unless a
+    /// fault changes its mass or stiffness.
     #[must_use]
     pub fn played_leg(&self) -> Leg {
         let [mass, stiffness] = self.faults.leg_factors();
@@ -119,19 +120,19 @@ impl Scenario {
         Leg::new(parameters).unwrap_or(self.leg)
     }
 
-    /// The medium at a place.
+    /// Returns the medium at `x_m`.
     #[must_use]
     pub fn medium_at(&self, x_m: f64) -> Medium {
         self.medium_of(self.density.at(x_m))
     }
 
-    /// The same gravity at a density that was checked.
+    /// Returns a medium with the scenario's gravity and a validated density.
     pub(crate) fn medium_of(&self, density_ratio: f64) -> Medium {
         Medium::new(density_ratio, self.gravity_m_s2)
             .expect("densities between checked ones, and a checked gravity")
     }
 
-    /// Checks settings.
+    /// Validates settings.
     ///
     /// # Errors
     /// The first [`BadValue`].
@@ -176,7 +177,7 @@ impl Scenario {
 
         let seed = s.seed.unwrap_or(0);
         let density_sense = s.density.unwrap_or_default();
-        let density_is_told = density_sense == DensitySense::Told;
+        let density_is_told = density_sense == DensitySense::Measured;
         let run = faults::Run { seed, rate_hz, density_is_told };
         let faults = Faults::check(&s.faults, &run)
             .map_err(|cause| BadValue { key: "fault", what: cause.to_string() })?;
@@ -201,17 +202,17 @@ impl Scenario {
 }
 
 impl Settings {
-    /// Those of [`Scenario::shore`].
+    /// Returns the settings of [`Scenario::shore`].
     #[must_use]
     pub fn shore() -> Self {
         Self::from_toml(include_str!("../../scenarios/shore.toml"))
-            .expect("the shore's file is part of the program, and tested")
+            .expect("the scenario file is part of the program, and tested")
     }
 
     /// Reads settings from TOML text.
     ///
     /// # Errors
-    /// What and where, from the TOML library.
+    /// The error of the TOML parser, with its position.
     pub fn from_toml(text: &str) -> Result<Self, toml::de::Error> {
         toml::from_str(text)
     }
@@ -219,7 +220,7 @@ impl Settings {
     /// Reads a scenario file.
     ///
     /// # Errors
-    /// [`ScenarioError`] naming the file.
+    /// [`ScenarioError`].
     pub fn from_file(path: &Path) -> Result<Self, ScenarioError> {
         let text = std::fs::read_to_string(path)
             .map_err(|cause| ScenarioError::Read { path: path.to_owned(), cause })?;
@@ -227,32 +228,32 @@ impl Settings {
             .map_err(|cause| ScenarioError::Toml { path: path.to_owned(), cause: Box::new(cause) })
     }
 
-    /// These settings, with `base` where they say nothing.
+    /// Returns these settings, completed by `base`.
     ///
-    /// A medium, leg or set-point said here replaces the other ways of saying
-    /// it in `base`: `--medium air` also takes a file's density profile out.
-    /// Faults are not replaced: these come behind those of `base`.
+    /// A medium, leg or set-point given here replaces all settings of `base` for the
+    /// same quantity; a medium, for example, also replaces a density profile. Faults
+    /// are appended to those of `base`.
     #[must_use]
     pub fn over(self, base: Self) -> Self {
-        let says_density =
+        let sets_density =
             self.medium.is_some() || self.density_ratio.is_some() || self.density_profile.is_some();
-        let says_gravity = self.medium.is_some() || self.gravity_m_s2.is_some();
-        let says_leg = self.leg.is_some() || self.leg_parameters.is_some();
-        let says_speed = self.set_point_m_s.is_some();
+        let sets_gravity = self.medium.is_some() || self.gravity_m_s2.is_some();
+        let sets_leg = self.leg.is_some() || self.leg_parameters.is_some();
+        let sets_speed = self.set_point_m_s.is_some();
         Self {
             rate_hz: self.rate_hz.or(base.rate_hz),
             duration_s: self.duration_s.or(base.duration_s),
             distance_m: self.distance_m.or(base.distance_m),
             seed: self.seed.or(base.seed),
-            leg: if says_leg { self.leg } else { base.leg },
-            leg_parameters: if says_leg { self.leg_parameters } else { base.leg_parameters },
+            leg: if sets_leg { self.leg } else { base.leg },
+            leg_parameters: if sets_leg { self.leg_parameters } else { base.leg_parameters },
             medium: self.medium.or(base.medium),
-            density_ratio: if says_density { self.density_ratio } else { base.density_ratio },
-            density_profile: if says_density { self.density_profile } else { base.density_profile },
-            gravity_m_s2: if says_gravity { self.gravity_m_s2 } else { base.gravity_m_s2 },
+            density_ratio: if sets_density { self.density_ratio } else { base.density_ratio },
+            density_profile: if sets_density { self.density_profile } else { base.density_profile },
+            gravity_m_s2: if sets_gravity { self.gravity_m_s2 } else { base.gravity_m_s2 },
             density: self.density.or(base.density),
             set_point_m_s: self.set_point_m_s.or(base.set_point_m_s),
-            set_point_steps: if says_speed {
+            set_point_steps: if sets_speed {
                 self.set_point_steps
             } else {
                 self.set_point_steps.or(base.set_point_steps)
@@ -273,7 +274,7 @@ impl Settings {
 fn leg(s: &Settings) -> Result<Leg, BadValue> {
     match (s.leg, s.leg_parameters) {
         (Some(_), Some(_)) => {
-            Err(BadValue::new("leg", "both a name and leg_parameters", "say one of the two"))
+            Err(BadValue::new("leg", "both a name and leg_parameters", "give only one of the two"))
         }
         (Some(LegPreset::Crab), None) => Ok(Leg::crab()),
         (Some(LegPreset::Human) | None, None) => Ok(Leg::human()),
@@ -282,7 +283,7 @@ fn leg(s: &Settings) -> Result<Leg, BadValue> {
     }
 }
 
-/// The medium's gravity, and its density along the way.
+/// Returns the medium's gravity and its density over x.
 fn medium(s: &Settings, guard: &Limits) -> Result<(Medium, Profile), BadValue> {
     let mut medium = match s.medium {
         Some(MediumPreset::Water) => Medium::WATER,
@@ -299,7 +300,7 @@ fn medium(s: &Settings, guard: &Limits) -> Result<(Medium, Profile), BadValue> {
     let density = match (s.density_ratio, &s.density_profile) {
         (Some(_), Some(_)) => {
             let what = "both a density_ratio and a density_profile";
-            return Err(BadValue::new("density_profile", what, "say one of the two"));
+            return Err(BadValue::new("density_profile", what, "give only one of the two"));
         }
         (Some(ratio), None) => Profile::constant(within("density_ratio", ratio, limits)?),
         (None, Some(points)) => {
@@ -318,13 +319,13 @@ fn medium(s: &Settings, guard: &Limits) -> Result<(Medium, Profile), BadValue> {
 fn start(s: &StartSettings, seed: u64, leg: &Leg, guard: &Limits) -> Result<Body, BadValue> {
     let speed = f64::from(guard.max_speed_m_s);
     let top = f64::from(guard.height_m[1]);
-    let usual_y_m = 2.0 * leg.parameters().rest_length_m;
+    let default_y_m = 2.0 * leg.parameters().rest_length_m;
     let vx_spread_m_s =
         within("start.vx_spread_m_s", s.vx_spread_m_s.unwrap_or(0.0), [0.0, speed])?;
     let y_spread_m = within("start.y_spread_m", s.y_spread_m.unwrap_or(0.0), [0.0, top])?;
     let x_m = s.x_m.unwrap_or(0.0);
     let vx_m_s = within("start.vx_m_s", s.vx_m_s.unwrap_or(0.0), [-speed, speed])?;
-    let y_m = s.y_m.unwrap_or(usual_y_m);
+    let y_m = s.y_m.unwrap_or(default_y_m);
     above_zero("start.y_m", y_m, top)?;
     let spread = [
         ("start.vx_m_s", vx_m_s, "start.vx_spread_m_s", vx_spread_m_s, speed),
@@ -363,13 +364,13 @@ fn above_zero(key: &'static str, value: f64, high: f64) -> Result<(), BadValue> 
     }
 }
 
-/// A setting that cannot be.
+/// A setting out of its range.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{key}: {what}")]
 pub struct BadValue {
-    /// The setting, by its name in a scenario file.
+    /// Name of the setting in a scenario file.
     pub key: &'static str,
-    /// Its value, and the limit.
+    /// The value and the limit.
     pub what: String,
 }
 
@@ -379,7 +380,7 @@ impl BadValue {
     }
 }
 
-/// Why there is no scenario.
+/// Why a scenario cannot be loaded.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ScenarioError {
@@ -388,47 +389,47 @@ pub enum ScenarioError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The error of the system.
         cause: io::Error,
     },
-    /// The file is not TOML, or has a key or a type that does not belong there.
+    /// The file is not valid TOML, or has an unknown key or a wrong type.
     #[error("{}: {cause}", path.display())]
     Toml {
         /// The file.
         path: PathBuf,
-        /// What and where.
+        /// The error of the TOML parser, with its position.
         cause: Box<toml::de::Error>,
     },
-    /// A value out of its range.
+    /// A value is out of range.
     #[error("{origin}: {cause}")]
     Value {
         /// The file, or the command line.
         origin: String,
-        /// Which.
+        /// The value.
         cause: BadValue,
     },
 }
 
-/// A scenario from a file, flags, or both.
+/// Loads a scenario from a file, command-line options, or both.
 ///
 /// # Errors
-/// [`ScenarioError`], naming the file or the command line.
-pub fn load(file: Option<&Path>, flags: Settings) -> Result<Scenario, ScenarioError> {
-    load_with_settings(file, flags).map(|(scenario, _)| scenario)
+/// [`ScenarioError`], which names the file or the command line.
+pub fn load(file: Option<&Path>, options: Settings) -> Result<Scenario, ScenarioError> {
+    load_with_settings(file, options).map(|(scenario, _)| scenario)
 }
 
-/// The same, with the settings of both together.
+/// Like [`load`]; also returns the merged settings.
 ///
 /// # Errors
-/// As [`load`].
+/// Like [`load`].
 pub fn load_with_settings(
     file: Option<&Path>,
-    flags: Settings,
+    options: Settings,
 ) -> Result<(Scenario, Settings), ScenarioError> {
-    let mut settings = flags;
+    let mut settings = options;
     if let Some(path) = file {
         let base = Settings::from_file(path)?;
-        // Alone, so that what is wrong in the file is said of the file.
+        // Validated alone first, so that the error names the file.
         Scenario::from_settings(&base)
             .map_err(|cause| ScenarioError::Value { origin: path.display().to_string(), cause })?;
         settings = settings.over(base);

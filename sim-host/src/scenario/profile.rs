@@ -1,18 +1,18 @@
-//! Quantities along the way: the medium's density, and the speed asked for.
+//! Quantities that change during a run: the medium's density and the set-point.
 
 use serde::{Deserialize, Serialize};
 
-/// A quantity given at places along x: linear in between, constant beyond.
+/// A quantity over x: linear between its points, constant beyond them.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(transparent)]
 pub struct Profile(Vec<[f64; 2]>);
 
 impl Profile {
-    /// A profile through `points`, each a place and the value there.
+    /// Creates a profile through `points`, each an x in m and a value.
     ///
     /// # Errors
-    /// A sentence that says what is wrong: no point, a number that is not
-    /// finite, or places that do not increase.
+    /// A message if there is no point, a number is not finite, or x does not
+    /// increase.
     pub fn new(points: Vec<[f64; 2]>) -> Result<Self, String> {
         if points.is_empty() {
             return Err("it must have at least one point [x, value]".to_owned());
@@ -21,21 +21,18 @@ impl Profile {
             return Err(format!("{point:?} must be two finite numbers"));
         }
         if let Some(pair) = points.windows(2).find(|pair| pair[0][0] >= pair[1][0]) {
-            return Err(format!(
-                "places must increase, but {} comes after {}",
-                pair[1][0], pair[0][0]
-            ));
+            return Err(format!("x must increase, but {} follows {}", pair[1][0], pair[0][0]));
         }
         Ok(Self(points))
     }
 
-    /// The same value everywhere.
+    /// Creates a profile with the same value everywhere.
     #[must_use]
     pub fn constant(value: f64) -> Self {
         Self(vec![[0.0, value]])
     }
 
-    /// The value at a place.
+    /// Returns the value at `x`.
     #[must_use]
     pub fn at(&self, x: f64) -> f64 {
         let after = self.0.partition_point(|point| point[0] <= x);
@@ -46,7 +43,7 @@ impl Profile {
         }
     }
 
-    /// Lowest and highest value.
+    /// Returns the lowest and the highest value.
     #[must_use]
     pub fn range(&self) -> [f64; 2] {
         self.0.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], [_, value]| {
@@ -54,40 +51,40 @@ impl Profile {
         })
     }
 
-    /// Its points.
+    /// Returns the points.
     #[must_use]
     pub fn points(&self) -> &[[f64; 2]] {
         &self.0
     }
 }
 
-/// A change of the set-point, from a time or a place on.
+/// A change of the set-point at a time or a place. Exactly one of the two is given.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SetPointStep {
-    /// From this time on, s. Exactly one of the two is given.
+    /// Time of the change, s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub from_t_s: Option<f64>,
-    /// From the first time that the leg passes this place on, m.
+    /// Place of the change, m; it takes effect when the leg first passes it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub from_x_m: Option<f64>,
-    /// The speed asked for, m/s.
+    /// The new set-point, m/s.
     pub m_s: f64,
 }
 
-/// The speed asked for in the course of a run.
+/// The set-points of a run.
 ///
-/// Each step takes effect once, in its order, when the leg has reached its
-/// time or place; a leg that swings back over a place does not undo it.
+/// Each step takes effect once, in order, when the run reaches its time or place.
+/// A leg that moves back over a place does not undo the step.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SetPoints {
-    /// At the start, m/s.
+    /// Set-point at the start, m/s.
     pub start_m_s: f64,
-    /// Later.
+    /// Later changes.
     pub steps: Vec<SetPointStep>,
 }
 
-/// Where in its [`SetPoints`] a run is.
+/// Position of a run in its [`SetPoints`].
 #[derive(Clone, Debug)]
 pub struct SetPointCursor<'a> {
     steps: &'a [SetPointStep],
@@ -96,7 +93,7 @@ pub struct SetPointCursor<'a> {
 }
 
 impl SetPoints {
-    /// A run's beginning, at a place.
+    /// Returns the cursor for a run that starts at `x_m`.
     #[must_use]
     pub fn begin(&self, x_m: f64) -> SetPointCursor<'_> {
         SetPointCursor { steps: &self.steps, now_m_s: self.start_m_s, start_x_m: x_m }
@@ -104,12 +101,12 @@ impl SetPoints {
 }
 
 impl SetPointCursor<'_> {
-    /// The set-point at a time and place, m/s.
+    /// Advances to a time and place and returns the set-point, m/s.
     pub fn at(&mut self, t_s: f64, x_m: f64) -> f64 {
         while let Some((step, rest)) = self.steps.split_first() {
             let reached = match (step.from_t_s, step.from_x_m) {
                 (Some(from), _) => t_s >= from,
-                // Passed in the direction from where the run began.
+                // Passed in the direction away from the start.
                 (None, Some(from)) if from >= self.start_x_m => x_m >= from,
                 (None, Some(from)) => x_m <= from,
                 (None, None) => true,
@@ -139,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn a_profile_that_is_none_is_refused() {
+    fn rejects_a_profile_without_increasing_finite_points() {
         assert!(Profile::new(vec![]).is_err());
         assert!(Profile::new(vec![[0.0, f64::NAN]]).is_err());
         assert!(Profile::new(vec![[1.0, 0.0], [1.0, 1.0]]).is_err());

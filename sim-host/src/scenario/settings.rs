@@ -1,5 +1,5 @@
-//! What a user may say about a run, in a TOML file or as flags. All of it is
-//! optional; the flags win. [`super::Scenario`] is what has been checked.
+//! The settings of a run, from a TOML file and from options. All are optional, and
+//! options override the file. [`super::Scenario`] is the validated form.
 
 use clap::ValueEnum;
 use serde::de::{Deserializer, Error};
@@ -9,17 +9,17 @@ use super::profile::SetPointStep;
 use crate::faults::FaultSetting;
 use leg_plant::LegParameters;
 
-/// A leg by name.
+/// A named leg.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum LegPreset {
-    /// Human size, 80 kg.
+    /// Human-sized, 80 kg.
     Human,
-    /// Crab size, 74 g.
+    /// Crab-sized, 74 g.
     Crab,
 }
 
-/// A medium by name.
+/// A named medium.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum MediumPreset {
@@ -33,22 +33,24 @@ pub enum MediumPreset {
     Mars,
 }
 
-/// How the controller learns the density of the medium.
+/// How the controller obtains the density of the medium.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum DensitySense {
-    /// By its own estimate.
+    /// It estimates the density from the motion.
     #[default]
     Estimated,
-    /// The leg measures it.
-    Told,
+    /// A sensor of the leg measures the density.
+    #[serde(alias = "told")]
+    #[value(alias = "told")]
+    Measured,
 }
 
-/// The settings of a run, unchecked.
+/// The settings of a run, not validated.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
-    /// Ticks a second; the controller's must be the same [default: 1000].
+    /// Ticks per second; must equal the controller's [default: 1000].
     #[arg(long = "rate", value_name = "HZ", allow_negative_numbers = true)]
     pub rate_hz: Option<u32>,
     /// Simulated time after which the run ends, s [default: 60].
@@ -57,56 +59,56 @@ pub struct Settings {
     /// Distance from the start at which the run ends, m [default: none].
     #[arg(long = "distance", value_name = "M", allow_negative_numbers = true)]
     pub distance_m: Option<f64>,
-    /// Seed of what is random: the start, within its spreads [default: 0].
+    /// Seed of the random start, within its spreads, and of the faults [default: 0].
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub seed: Option<u64>,
 
     /// Leg by name [default: human].
     #[arg(long, value_name = "NAME")]
     pub leg: Option<LegPreset>,
-    /// Every parameter of a leg; in a scenario file only, instead of `leg`.
+    /// All parameters of a leg instead of `leg`; in a scenario file only.
     #[arg(skip)]
     pub leg_parameters: Option<LegParameters>,
 
     /// Medium by name [default: air].
     #[arg(long, value_name = "NAME")]
     pub medium: Option<MediumPreset>,
-    /// Density of the medium over that of water, instead of the named medium's.
+    /// Density of the medium over that of water; overrides the named medium's.
     #[arg(long, value_name = "RATIO", allow_negative_numbers = true)]
     pub density_ratio: Option<f64>,
-    /// Density ratio along the way, as x:ratio,x:ratio,… in m; linear in between.
+    /// Density ratio over position, as x:ratio,x:ratio,… with x in m; interpolated linearly.
     #[arg(long, value_name = "PROFILE", value_parser = parse_profile)]
     #[serde(deserialize_with = "points")]
     pub density_profile: Option<Points>,
-    /// Gravity, instead of the named medium's, m/s2.
+    /// Gravity, m/s2; overrides the named medium's.
     #[arg(long = "gravity", value_name = "M_S2", allow_negative_numbers = true)]
     pub gravity_m_s2: Option<f64>,
-    /// Whether the controller is told the density or estimates it [default: estimated].
+    /// Whether the leg measures the density or the controller estimates it [default: estimated].
     #[arg(long, value_name = "HOW")]
     pub density: Option<DensitySense>,
 
-    /// Velocity asked for, m/s [default: 0].
+    /// Velocity set-point, m/s [default: 0].
     #[arg(long = "set-point", value_name = "M_S", allow_negative_numbers = true)]
     pub set_point_m_s: Option<f64>,
-    /// Its changes, such as x30:1,t60:-0.5: from 30 m on 1 m/s, from 60 s on -0.5 m/s.
+    /// Changes of the set-point, such as x30:1,t60:-0.5: 1 m/s from 30 m on, -0.5 m/s from 60 s on.
     #[arg(long = "set-point-steps", value_name = "STEPS", value_parser = parse_steps)]
     pub set_point_steps: Option<Steps>,
 
-    /// How the run begins.
+    /// The start of the run.
     #[command(flatten)]
     pub start: StartSettings,
 
-    /// A fault on purpose, as kind=value,key=value,…; as often as wanted; `help` lists them.
+    /// Inject a fault, as kind=value,key=value,…; may be given several times; `help` lists all.
     #[arg(long = "fault", value_name = "FAULT")]
     #[serde(rename = "fault", skip_serializing_if = "Vec::is_empty")]
     pub faults: Vec<FaultSetting>,
 }
 
-/// How a run begins, unchecked.
+/// The start of a run, not validated.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(deny_unknown_fields, default)]
 pub struct StartSettings {
-    /// Place at the start, m [default: 0].
+    /// Position at the start, m [default: 0].
     #[arg(long = "start-x", value_name = "M", allow_negative_numbers = true)]
     pub x_m: Option<f64>,
     /// Height at the start, m [default: twice the leg's rest length].
@@ -118,21 +120,21 @@ pub struct StartSettings {
     /// Vertical velocity at the start, m/s [default: 0].
     #[arg(long = "start-vy", value_name = "M_S", allow_negative_numbers = true)]
     pub vy_m_s: Option<f64>,
-    /// The seed moves the horizontal velocity by up to this much, m/s [default: 0].
+    /// Largest random change of the horizontal velocity, m/s [default: 0].
     #[arg(long = "start-vx-spread", value_name = "M_S", allow_negative_numbers = true)]
     pub vx_spread_m_s: Option<f64>,
-    /// The seed raises the height by up to this much, m [default: 0].
+    /// Largest random increase of the height, m [default: 0].
     #[arg(long = "start-y-spread", value_name = "M", allow_negative_numbers = true)]
     pub y_spread_m: Option<f64>,
 }
 
-/// Points of a profile. (An alias hides the list from clap, which would read
-/// it as a flag given many times.)
+/// Points of a profile. The alias hides the list from clap, which would otherwise
+/// accept the option several times.
 pub type Points = Vec<[f64; 2]>;
 /// Changes of the set-point.
 pub type Steps = Vec<SetPointStep>;
 
-/// Reads points, each of exactly two numbers: TOML would drop a third.
+/// Deserialises points of exactly two numbers; an array type would accept a third.
 fn points<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Points>, D::Error> {
     let point = |numbers: Vec<f64>| {
         numbers.try_into().map_err(|numbers| {
@@ -175,7 +177,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lists_on_the_command_line() {
+    fn parses_lists_from_options() {
         assert_eq!(parse_profile("15:1,30:0"), Ok(vec![[15.0, 1.0], [30.0, 0.0]]));
         assert_eq!(
             parse_steps("x30:1,t5.5:-0.5"),
@@ -193,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn a_point_has_exactly_two_numbers() {
+    fn rejects_a_point_without_exactly_two_numbers() {
         let read = toml::from_str::<Settings>("density_profile = [[15, 1], [30.0, 0.0]]").unwrap();
         assert_eq!(read.density_profile, Some(vec![[15.0, 1.0], [30.0, 0.0]]));
         for (bad, point) in [
@@ -209,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_keys_are_errors() {
+    fn rejects_unknown_keys() {
         let refused = toml::from_str::<Settings>("rat_hz = 1000").unwrap_err().to_string();
         assert!(refused.contains("rat_hz") && refused.contains("rate_hz"), "{refused}");
         assert!(toml::from_str::<Settings>("[start]\nz_m = 1.0").is_err());

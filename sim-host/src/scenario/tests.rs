@@ -1,12 +1,12 @@
 use super::*;
 
-fn refused(text: &str) -> String {
+fn error(text: &str) -> String {
     let settings = Settings::from_toml(text).expect("well-formed");
     Scenario::from_settings(&settings).expect_err(text).to_string()
 }
 
 #[test]
-fn the_shore_is_as_described() {
+fn the_shore_scenario_has_its_documented_values() {
     let shore = Scenario::shore();
     for (x_m, ratio) in [(-5.0, 1.0), (14.9, 1.0), (22.5, 0.5), (30.1, 0.0)] {
         assert_eq!(shore.medium_at(x_m).density_ratio(), ratio);
@@ -19,14 +19,14 @@ fn the_shore_is_as_described() {
 }
 
 #[test]
-fn an_empty_file_is_a_scenario() {
+fn an_empty_file_gives_the_default_scenario() {
     let plain = Scenario::from_settings(&Settings::default()).unwrap();
     assert_eq!((plain.rate_hz, plain.duration_s, plain.leg), (1000, 60.0, Leg::human()));
     assert_eq!(plain.start, Body { x_m: 0.0, vx_m_s: 0.0, y_m: 2.0, vy_m_s: 0.0 });
 }
 
 #[test]
-fn every_value_that_cannot_be_is_named_with_its_limit() {
+fn rejects_values_out_of_range_with_name_value_and_limit() {
     for (text, parts) in [
         ("rate_hz = 10", ["rate_hz", "10", "50"]),
         ("duration_s = 0.0", ["duration_s", "0", "above 0"]),
@@ -55,7 +55,7 @@ fn every_value_that_cannot_be_is_named_with_its_limit() {
         ),
         ("[start]\ny_spread_m = -1.0", ["start.y_spread_m", "-1", "from 0"]),
     ] {
-        let message = refused(text);
+        let message = error(text);
         for part in parts {
             assert!(message.contains(part), "`{part}` in `{message}` of `{text}`");
         }
@@ -63,7 +63,7 @@ fn every_value_that_cannot_be_is_named_with_its_limit() {
 }
 
 #[test]
-fn a_leg_may_be_given_by_its_parameters() {
+fn accepts_a_leg_by_its_parameters() {
     let mut parameters = *Leg::human().parameters();
     parameters.stiffness_n_m = 30_000.0;
     let text = toml::to_string(&parameters).unwrap();
@@ -72,16 +72,16 @@ fn a_leg_may_be_given_by_its_parameters() {
     assert_eq!(scenario.leg.parameters().stiffness_n_m, 30_000.0);
 
     let bad = text.replace("mass_kg = 80.0", "mass_kg = -80.0");
-    let message = refused(&format!("[leg_parameters]\n{bad}"));
+    let message = error(&format!("[leg_parameters]\n{bad}"));
     assert!(message.contains("mass_kg") && message.contains("-80"), "{message}");
-    let message = refused(&format!("leg = \"crab\"\n[leg_parameters]\n{text}"));
+    let message = error(&format!("leg = \"crab\"\n[leg_parameters]\n{text}"));
     assert!(message.contains("one of the two"), "{message}");
 }
 
 #[test]
-fn a_controller_is_told_gravity_and_leg() {
+fn terms_contain_gravity_and_leg() {
     let moon = Scenario::from_settings(&Settings::from_toml("medium = \"moon\"").unwrap()).unwrap();
-    assert_eq!(moon.leg_model(), LegModel::HUMAN, "the same figures on both sides");
+    assert_eq!(moon.leg_model(), LegModel::HUMAN, "the same parameters on both sides");
     assert_eq!(
         moon.session_params(),
         SessionParams::at(1000).with_gravity(1.62).with_leg(&LegModel::HUMAN)
@@ -93,22 +93,22 @@ fn a_controller_is_told_gravity_and_leg() {
 }
 
 #[test]
-fn flags_win_over_the_file() {
+fn options_override_the_file() {
     let file = Settings::from_toml(include_str!("../../scenarios/shore.toml")).unwrap();
-    let flags = Settings {
+    let options = Settings {
         medium: Some(MediumPreset::Moon),
         duration_s: Some(5.0),
         set_point_m_s: Some(1.5),
         ..Settings::default()
     };
-    let scenario = Scenario::from_settings(&flags.over(file)).unwrap();
-    assert_eq!(scenario.medium_at(0.0), Medium::MOON, "a medium said here replaces the profile");
+    let scenario = Scenario::from_settings(&options.over(file)).unwrap();
+    assert_eq!(scenario.medium_at(0.0), Medium::MOON, "a medium replaces the profile");
     assert_eq!((scenario.duration_s, scenario.distance_m), (5.0, Some(50.0)));
     assert_eq!(scenario.set_points, SetPoints { start_m_s: 1.5, steps: vec![] });
 }
 
 #[test]
-fn the_seed_moves_the_start_and_only_within_its_spread() {
+fn the_seed_changes_the_start_within_its_spread() {
     let start = |seed| {
         let settings = Settings {
             seed: Some(seed),
@@ -127,4 +127,10 @@ fn the_seed_moves_the_start_and_only_within_its_spread() {
         let Body { vx_m_s, y_m, .. } = start(seed);
         assert!(vx_m_s.abs() <= 0.5 && (2.0..=2.2).contains(&y_m), "{vx_m_s} {y_m}");
     }
+}
+
+#[test]
+fn accepts_the_former_name_of_a_measured_density() {
+    let settings = Settings::from_toml("density = \"told\"").unwrap();
+    assert_eq!(settings.density, Some(DensitySense::Measured));
 }

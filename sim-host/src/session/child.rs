@@ -1,4 +1,4 @@
-//! A controller in a process of its own, started by this one.
+//! A controller process started by this one.
 
 use std::ffi::OsString;
 use std::io::{self, Read as _};
@@ -10,29 +10,29 @@ use leg_host::realtime::LoopReport;
 use rustix::process::{Pid, Signal, kill_process};
 use serde::Deserialize;
 
-/// How long a controller may take to end after its run.
-const PATIENCE: Duration = Duration::from_secs(5);
-const LOOK: Duration = Duration::from_millis(2);
+/// Time that a controller may take to end after its run.
+const END_TIMEOUT: Duration = Duration::from_secs(5);
+const POLL_INTERVAL: Duration = Duration::from_millis(2);
 
-/// What a controller is started with.
+/// Arguments of a controller process.
 #[derive(Clone, Debug)]
-pub struct ControllerCall {
-    /// The policy blob; the controller's own choice when none.
+pub struct ControllerArgs {
+    /// The policy file; `None` for the shipped policy.
     pub policy: Option<PathBuf>,
-    /// Ticks a second.
+    /// Ticks per second.
     pub rate_hz: u32,
     /// Gravity where the leg is, m/s2.
     pub gravity_m_s2: f32,
-    /// The domain to meet in.
+    /// The domain in which both processes connect.
     pub domain: String,
-    /// Its patience with this process.
+    /// Its longest wait for this process.
     pub timeout: Duration,
-    /// The options of a loop in real time; none in lock-step.
+    /// Options of its loop in real time; empty in lock-step.
     pub real_time: Vec<OsString>,
 }
 
-impl ControllerCall {
-    /// The arguments of the `controller` program that say this.
+impl ControllerArgs {
+    /// Returns the command-line arguments for the `controller` program.
     #[must_use]
     pub fn arguments(&self) -> Vec<OsString> {
         let mut arguments: Vec<OsString> = vec!["--once".into(), "--json".into()];
@@ -52,15 +52,15 @@ impl ControllerCall {
     }
 }
 
-/// What a controller prints at its end, as far as it is of use here.
+/// The part of the controller's final output that is used here.
 #[derive(Debug, Deserialize)]
 struct Summary {
     #[serde(rename = "loop")]
     real_time: Option<LoopReport>,
 }
 
-/// A running controller process. It never outlives this value: when dropped,
-/// it is asked to end, then made to, and always reaped.
+/// A running controller process. Dropping the value sends SIGTERM, after a second
+/// SIGKILL, and reaps the process.
 #[derive(Debug)]
 pub struct ControllerChild {
     child: Child,
@@ -68,36 +68,36 @@ pub struct ControllerChild {
 }
 
 impl ControllerChild {
-    /// Starts this program again, as `… controller <arguments>`. Its errors go
-    /// to this process's stderr, its summary to [`ControllerChild::finish`].
+    /// Starts this program with the subcommand `controller`. It shares this
+    /// process's stderr.
     ///
     /// # Errors
-    /// When the program cannot be started.
-    pub fn spawn(call: &ControllerCall) -> io::Result<Self> {
-        Self::spawn_program(&std::env::current_exe()?, call)
+    /// If the program cannot be started.
+    pub fn spawn(args: &ControllerArgs) -> io::Result<Self> {
+        Self::spawn_program(&std::env::current_exe()?, args)
     }
 
-    /// As [`ControllerChild::spawn`], of a `sim-host` at a given place.
+    /// Like [`ControllerChild::spawn`], with the path of the `sim-host` program.
     ///
     /// # Errors
-    /// When the program cannot be started.
-    pub fn spawn_program(program: &Path, call: &ControllerCall) -> io::Result<Self> {
+    /// If the program cannot be started.
+    pub fn spawn_program(program: &Path, args: &ControllerArgs) -> io::Result<Self> {
         let child = Command::new(program)
             .arg("controller")
-            .args(call.arguments())
+            .args(args.arguments())
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .spawn()?;
         Ok(Self { child, status: None })
     }
 
-    /// Its process.
+    /// Returns the process id.
     #[must_use]
     pub fn pid(&self) -> u32 {
         self.child.id()
     }
 
-    /// How it ended, if it has.
+    /// Returns the exit status once the process has ended.
     pub fn ended(&mut self) -> Option<ExitStatus> {
         if self.status.is_none() {
             self.status = self.child.try_wait().ok().flatten();
@@ -105,20 +105,19 @@ impl ControllerChild {
         self.status
     }
 
-    /// Waits for it to end by itself, as it does when the run is over; after
-    /// some seconds it is made to. How it ended, and in real time the figures of
-    /// its loop.
+    /// Waits until the controller ends, as it does after the run, and kills it
+    /// after 5 s. Returns its exit status and, in real time, the report of its loop.
     ///
     /// # Errors
-    /// When the system cannot tell.
+    /// If the process cannot be killed or waited for.
     pub fn finish(mut self) -> io::Result<(ExitStatus, Option<LoopReport>)> {
-        if !self.wait(PATIENCE) {
+        if !self.wait(END_TIMEOUT) {
             self.child.kill()?;
         }
-        // Reaped already, this only says again how it ended.
+        // Returns the stored status if the process is reaped already.
         let status = self.child.wait()?;
         self.status = Some(status);
-        // Small beside what a pipe holds: it need not be read while the controller runs.
+        // The output is smaller than a pipe's buffer, so the controller never blocks on it.
         let mut summary = String::new();
         if let Some(pipe) = &mut self.child.stdout {
             pipe.read_to_string(&mut summary)?;
@@ -127,14 +126,14 @@ impl ControllerChild {
         Ok((status, summary.and_then(|summary| summary.real_time)))
     }
 
-    /// Whether it has ended within `patience`.
-    fn wait(&mut self, patience: Duration) -> bool {
-        let deadline = Instant::now() + patience;
+    /// Waits for the end; returns false after `timeout`.
+    fn wait(&mut self, timeout: Duration) -> bool {
+        let deadline = Instant::now() + timeout;
         while self.ended().is_none() {
             if Instant::now() >= deadline {
                 return false;
             }
-            std::thread::sleep(LOOK);
+            std::thread::sleep(POLL_INTERVAL);
         }
         true
     }
@@ -145,12 +144,12 @@ impl Drop for ControllerChild {
         if self.ended().is_some() {
             return;
         }
-        // Politely first: it then leaves the shared memory in order.
-        let asked = i32::try_from(self.child.id())
+        // On SIGTERM it cleans up its shared memory.
+        let signalled = i32::try_from(self.child.id())
             .ok()
             .and_then(Pid::from_raw)
             .is_some_and(|pid| kill_process(pid, Signal::TERM).is_ok());
-        if !(asked && self.wait(Duration::from_secs(1))) {
+        if !(signalled && self.wait(Duration::from_secs(1))) {
             let _ = self.child.kill();
             let _ = self.child.wait();
         }

@@ -1,4 +1,4 @@
-//! A fingerprint of a whole run: equal runs, bit for bit, have equal hashes.
+//! A hash of all states and commands of a run, to compare runs bit for bit.
 
 use leg_control::wire::Command;
 
@@ -6,11 +6,12 @@ use leg_plant::Body;
 
 /// Hash of a run's states and commands, 64 bits.
 ///
-/// Each word `w`, the bits of one figure (or two of 32 bits), changes the hash
+/// Each word `w`, the bits of one `f64` or of two 32-bit values, changes the hash
 /// `h` to `(rotl(h, 5) xor w) * 0x9e3779b97f4a7c15` (2^64 over the golden
-/// ratio). Both steps are one-to-one, so two runs that differ in one word have
-/// different hashes, and those that differ in more almost surely. It guards
-/// against accidents, not against intent. A tick costs a few nanoseconds.
+/// ratio). Both steps are bijective, so two runs that differ in one word have
+/// different hashes, and runs that differ in more words almost surely do. It
+/// detects accidental differences and resists no attack. A tick takes a few
+/// nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StateHash(u64);
 
@@ -29,15 +30,15 @@ impl StateHash {
         self.word(u64::from(high) << 32 | u64::from(low));
     }
 
-    /// Takes in a state.
+    /// Adds a state.
     pub fn body(&mut self, body: &Body) {
         let Body { x_m, vx_m_s, y_m, vy_m_s } = *body;
-        for figure in [x_m, vx_m_s, y_m, vy_m_s] {
-            self.word(figure.to_bits());
+        for value in [x_m, vx_m_s, y_m, vy_m_s] {
+            self.word(value.to_bits());
         }
     }
 
-    /// Takes in a command: all but version and run id, which are not the run's.
+    /// Adds a command without its version and run id, which differ between equal runs.
     pub fn command(&mut self, command: &Command) {
         let c = command;
         self.word(c.header.seq);
@@ -49,10 +50,10 @@ impl StateHash {
         self.pair(c.apexes, c.rejected);
     }
 
-    /// The hash of all that was taken in.
+    /// Returns the hash of everything added so far.
     #[must_use]
     pub fn value(&self) -> u64 {
-        // High bits of the last words have not reached the low bits yet.
+        // Mixes the high bits of the last words into the low bits.
         let h = (self.0 ^ (self.0 >> 32)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         h ^ (h >> 29)
     }
@@ -63,7 +64,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_bit_counts_and_so_does_the_order() {
+    fn depends_on_every_bit_and_on_the_order() {
         let body = Body { x_m: 1.0, vx_m_s: 2.0, y_m: 3.0, vy_m_s: 4.0 };
         let hash = |bodies: &[Body]| {
             let mut hash = StateHash::default();

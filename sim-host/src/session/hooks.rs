@@ -1,21 +1,21 @@
-//! What a session calls in the course of a run.
+//! Callbacks of a session.
 
 use super::leg::{Leg, TickRecord};
 
-/// What a session calls in the course of a run. `()` does nothing.
+/// Callbacks of a session; `()` does nothing.
 ///
-/// In real time nothing here may allocate, log, or wait, but
-/// [`Hooks::wait`], which is not called there.
+/// In real time they must not allocate, log or block. [`Hooks::wait`] may block,
+/// because it is called in lock-step only.
 pub trait Hooks {
-    /// In lock-step, before each tick: time waits for this.
+    /// Called before each tick in lock-step; blocks while the run is paused.
     fn wait(&mut self) {}
-    /// Before each tick: whether the run is to end here, as somebody wishes.
+    /// Called before each tick; returns true to end the run.
     fn ends(&mut self) -> bool {
         false
     }
-    /// Before each tick: what is ordered of the leg by hand.
+    /// Called before each tick; may change the leg's set-point.
     fn steer(&mut self, _leg: &mut Leg<'_>) {}
-    /// At each tick of the plant.
+    /// Called after each tick.
     fn observe(&mut self, _tick: &TickRecord<'_>) {}
 }
 
@@ -57,14 +57,14 @@ impl<H: Hooks> Hooks for Option<H> {
     }
 }
 
-/// Both, in this order.
+/// Calls both in this order.
 impl<A: Hooks, B: Hooks> Hooks for (A, B) {
     fn wait(&mut self) {
         self.0.wait();
         self.1.wait();
     }
     fn ends(&mut self) -> bool {
-        // Either may keep count: both are asked.
+        // No short circuit: either may count its calls.
         let ends = self.0.ends();
         self.1.ends() || ends
     }
@@ -78,7 +78,7 @@ impl<A: Hooks, B: Hooks> Hooks for (A, B) {
     }
 }
 
-/// Only sees the ticks.
+/// Calls a closure after each tick.
 #[derive(Clone, Copy, Debug)]
 pub struct Observe<F>(pub F);
 

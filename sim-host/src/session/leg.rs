@@ -1,23 +1,22 @@
-//! The leg in a session: plant, sensors, the command in force, and what has
-//! come of it. It knows no clock and no link; a session brings it commands and
-//! says when a tick is over.
+//! The leg in a session: plant, sensors, the command in force, and counts. It
+//! has no clock and no link; a session passes it commands and steps it.
 
 use std::time::Duration;
 
 use leg_control::wire::{Command, Header, Sample, WIRE_VERSION, flags};
 
+use super::command_hold::CommandHold;
 use super::hash::StateHash;
-use super::held::Held;
 use super::outcome::{Ending, Outcome};
 use super::timing::RoundTrips;
 use crate::faults::{Terrain, WorldCounts};
 use crate::scenario::{DensitySense, Scenario, SetPointCursor};
 use leg_plant::{Body, EventKind, Flat, Ground, Medium, Phase, TickEvents, TickPlant};
 
-/// All there is to know of one tick.
+/// One tick of a run, as observers see it.
 #[derive(Debug)]
 pub struct TickRecord<'a> {
-    /// Its number.
+    /// Number of the tick in its run.
     pub seq: u64,
     /// Time at its start, s.
     pub t_s: f64,
@@ -25,42 +24,43 @@ pub struct TickRecord<'a> {
     pub dt_s: f64,
     /// The true state at its start, which the sample rounds.
     pub body: Body,
-    /// What the leg was doing at its start.
+    /// The phase of the gait at its start.
     pub phase: Phase,
-    /// The medium over the tick.
+    /// The medium during the tick.
     pub medium: Medium,
-    /// What the controller was told.
+    /// The sample sent to the controller.
     pub sample: &'a Sample,
-    /// The command in force over this tick: its answer or, where that is late,
-    /// one before it, or the leg's own safe command.
+    /// The command in force during the tick: the answer to its sample or, if that
+    /// is late, an earlier one or the leg's own safe command.
     pub command: &'a Command,
-    /// Whether that command is new in this tick.
+    /// Whether the command arrived for this tick.
     pub is_new: bool,
-    /// What happened in the tick; event times count from its start.
+    /// The events in the tick; their times count from its start.
     pub events: &'a TickEvents,
-    /// The state at its end.
+    /// The true state at its end.
     pub after: Body,
-    /// How long the answer took; 0 where nobody waits for one.
+    /// From sending the sample to receiving the command; 0 where it is not
+    /// measured.
     pub round_trip: Duration,
 }
 
-/// A leg under way through a scenario.
+/// A leg that plays a scenario.
 #[derive(Debug)]
 pub struct Leg<'a> {
     scenario: &'a Scenario,
     run_id: u32,
     set_points: SetPointCursor<'a>,
-    /// Asked for by hand, instead of the scenario's.
-    ordered_m_s: Option<f64>,
+    /// Set-point that replaces the scenario's.
+    override_m_s: Option<f64>,
     plant: TickPlant,
     medium: Medium,
     terrain: Option<Terrain>,
     changes_medium: bool,
     world: WorldCounts,
-    held: Held,
+    hold: CommandHold,
     seq: u64,
-    /// Played before the last restart.
-    ticks_before: u64,
+    /// Ticks of the runs before the last restart.
+    earlier_ticks: u64,
     restarts: u32,
     sample: Sample,
     touchdowns: u64,
@@ -71,23 +71,23 @@ pub struct Leg<'a> {
 }
 
 impl<'a> Leg<'a> {
-    /// A leg at its scenario's start. `run_id` numbers the run: it goes out with
-    /// every sample, and only commands that carry it count.
+    /// Creates a leg at its scenario's start. Every sample carries `run_id`, and
+    /// only commands with it are accepted.
     #[must_use]
     pub fn new(scenario: &'a Scenario, run_id: u32) -> Self {
         let mut leg = Self {
             scenario,
             run_id,
             set_points: scenario.set_points.begin(scenario.start.x_m),
-            ordered_m_s: None,
+            override_m_s: None,
             plant: TickPlant::new(scenario.played_leg(), scenario.start),
             medium: scenario.medium_at(scenario.start.x_m),
             terrain: scenario.faults.terrain(),
             changes_medium: scenario.faults.change_the_medium(),
             world: WorldCounts::default(),
-            held: Held::default(),
+            hold: CommandHold::default(),
             seq: 0,
-            ticks_before: 0,
+            earlier_ticks: 0,
             restarts: 0,
             sample: Sample::default(),
             touchdowns: 0,
@@ -96,42 +96,42 @@ impl<'a> Leg<'a> {
             rejected: 0,
             hash: StateHash::default(),
         };
-        leg.look_around();
-        leg.sense();
+        leg.update_medium();
+        leg.update_sample();
         leg
     }
 
-    /// Number of the tick that is to be played next.
+    /// Returns the number of the next tick.
     #[must_use]
     pub fn seq(&self) -> u64 {
         self.seq
     }
 
-    /// Simulated time at its start, s.
+    /// Returns the simulated time at the start of the next tick, s.
     #[must_use]
     pub fn t_s(&self) -> f64 {
         self.seq as f64 / f64::from(self.scenario.rate_hz)
     }
 
-    /// The true state at its start.
+    /// Returns the true state at the start of the next tick.
     #[must_use]
     pub fn body(&self) -> Body {
         self.plant.body()
     }
 
-    /// What the sensors say at its start.
+    /// Returns the sensor readings at the start of the next tick.
     #[must_use]
     pub fn sample(&self) -> &Sample {
         &self.sample
     }
 
-    /// What ends the controller's part of the run.
+    /// Returns the sample that tells the controller that the run is over.
     #[must_use]
-    pub fn farewell(&self) -> Sample {
+    pub fn end_sample(&self) -> Sample {
         Sample { header: self.header(flags::END), ..Sample::default() }
     }
 
-    /// Whether the run is over, and why.
+    /// Returns why the run is over, or `None` while it is not.
     #[must_use]
     pub fn ending(&self) -> Option<Ending> {
         let way_m = (self.plant.body().x_m - self.scenario.start.x_m).abs();
@@ -146,48 +146,48 @@ impl<'a> Leg<'a> {
         }
     }
 
-    /// Ticks played, those before a restart included.
+    /// Returns the ticks played, including those before a restart.
     #[must_use]
     pub fn ticks(&self) -> u64 {
-        self.ticks_before + self.seq
+        self.earlier_ticks + self.seq
     }
 
-    /// Puts the leg back to its scenario's start, as the run `run_id`. The time
-    /// that is left, and what was counted, go on.
+    /// Puts the leg back to its scenario's start, as the run `run_id`. Time and
+    /// counts continue.
     pub fn restart(&mut self, run_id: u32) {
         self.run_id = run_id;
         self.restarts += 1;
-        self.ticks_before = self.ticks();
+        self.earlier_ticks = self.ticks();
         self.seq = 0;
         let start = self.scenario.start;
         self.set_points = self.scenario.set_points.begin(start.x_m);
         self.plant = TickPlant::new(self.scenario.played_leg(), start);
-        self.look_around();
-        self.held.forget();
-        self.sense();
+        self.update_medium();
+        self.hold.reset();
+        self.update_sample();
     }
 
-    /// Asks for this speed from now on, m/s, whatever the scenario says; `None`
-    /// gives the word back to it.
-    pub fn order(&mut self, set_point_m_s: Option<f64>) {
-        self.ordered_m_s = set_point_m_s;
-        self.sense();
+    /// Replaces the scenario's set-point from now on, m/s; `None` returns to the
+    /// scenario's.
+    pub fn override_set_point(&mut self, set_point_m_s: Option<f64>) {
+        self.override_m_s = set_point_m_s;
+        self.update_sample();
     }
 
-    /// Whether a command answers this very tick.
+    /// Returns whether a command answers the current sample.
     #[must_use]
     pub fn is_answered_by(&self, command: &Command) -> bool {
         let Header { version, run_id, seq, .. } = command.header;
         (version, run_id, seq) == (WIRE_VERSION, self.run_id, self.seq)
     }
 
-    /// Counts a command that a session does not bring to [`Leg::step`].
-    pub fn refuse(&mut self, _command: &Command) {
-        self.held.refused += 1;
+    /// Counts a command that the session rejected.
+    pub fn count_refused(&mut self, _command: &Command) {
+        self.hold.refused += 1;
     }
 
-    /// Plays a tick, under the newest command: `fresh` if one has come that
-    /// counts, else the one before.
+    /// Plays one tick under `fresh`, if that is a valid command, or else under the
+    /// command in force.
     pub fn step(
         &mut self,
         fresh: Option<Command>,
@@ -196,13 +196,13 @@ impl<'a> Leg<'a> {
     ) {
         let (seq, t_s, dt_s) = (self.seq, self.t_s(), self.scenario.tick_s());
         let (body, phase, medium) = (self.plant.body(), self.plant.phase(), self.medium);
-        let is_new = self.held.take(&self.sample.header, fresh);
-        let command = self.held.in_force(&self.sample.header);
-        let acts = self.held.acting(&self.sample.header);
+        let is_new = self.hold.update(&self.sample.header, fresh);
+        let command = self.hold.in_force(&self.sample.header);
+        let plant_command = self.hold.plant_command(&self.sample.header);
 
         let events = match &self.terrain {
-            None => self.plant.step(dt_s, acts, medium, &Flat),
-            Some(terrain) => self.plant.step(dt_s, acts, medium, terrain),
+            None => self.plant.step(dt_s, plant_command, medium, &Flat),
+            Some(terrain) => self.plant.step(dt_s, plant_command, medium, terrain),
         };
         let after = self.plant.body();
         self.hash.body(&body);
@@ -238,11 +238,11 @@ impl<'a> Leg<'a> {
         });
         self.seq += 1;
         self.world.ticks += 1;
-        self.look_around();
-        self.sense();
+        self.update_medium();
+        self.update_sample();
     }
 
-    /// What has come of it, at the end.
+    /// Returns the result of the run.
     #[must_use]
     pub fn outcome(mut self, ending: Ending, wall_time_s: f64, round_trips: RoundTrips) -> Outcome {
         let body = self.plant.body();
@@ -258,10 +258,10 @@ impl<'a> Leg<'a> {
             touchdowns: self.touchdowns,
             apexes: self.apexes,
             safe_ticks: self.safe_ticks,
-            held_ticks: self.held.ticks,
-            silences: self.held.silences,
+            held_ticks: self.hold.held_ticks,
+            silences: self.hold.silences,
             rejected: self.rejected,
-            foreign_commands: self.held.refused,
+            foreign_commands: self.hold.refused,
             state_hash: self.hash.value(),
             faults: self.scenario.faults.rows(&self.world),
             round_trips,
@@ -278,8 +278,8 @@ impl<'a> Leg<'a> {
         }
     }
 
-    /// Finds the medium for the tick that comes.
-    fn look_around(&mut self) {
+    /// Sets the medium for the next tick.
+    fn update_medium(&mut self) {
         let x_m = self.plant.body().x_m;
         self.medium = self.scenario.medium_at(x_m);
         let since_s = self.ticks() as f64 / f64::from(self.scenario.rate_hz);
@@ -291,26 +291,26 @@ impl<'a> Leg<'a> {
         }
     }
 
-    fn sense(&mut self) {
+    fn update_sample(&mut self) {
         let body = self.plant.body();
         let ground_m = self.terrain.map_or(0.0, |terrain| terrain.height_m(body.x_m));
-        let mut seen = flags::CONTACT_SENSED | flags::LEG_LENGTH_SENSED;
+        let mut flags_sensed = flags::CONTACT_SENSED | flags::LEG_LENGTH_SENSED;
         if matches!(self.plant.phase(), Phase::Stance { .. }) {
-            seen |= flags::IN_CONTACT;
+            flags_sensed |= flags::IN_CONTACT;
         }
-        let told = self.scenario.density_sense == DensitySense::Told;
-        if told {
-            seen |= flags::DENSITY_SENSED;
+        let measured = self.scenario.density_sense == DensitySense::Measured;
+        if measured {
+            flags_sensed |= flags::DENSITY_SENSED;
         }
         let scheduled_m_s = self.set_points.at(self.t_s(), body.x_m);
         self.sample = Sample {
-            header: self.header(seen),
-            set_point_m_s: self.ordered_m_s.unwrap_or(scheduled_m_s) as f32,
+            header: self.header(flags_sensed),
+            set_point_m_s: self.override_m_s.unwrap_or(scheduled_m_s) as f32,
             vx_m_s: body.vx_m_s as f32,
             y_m: (body.y_m - ground_m) as f32,
             vy_m_s: body.vy_m_s as f32,
             leg_length_m: self.plant.leg_length_m() as f32,
-            density_ratio: if told { self.medium.density_ratio() as f32 } else { 0.0 },
+            density_ratio: if measured { self.medium.density_ratio() as f32 } else { 0.0 },
         };
     }
 }

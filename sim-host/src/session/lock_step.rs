@@ -1,11 +1,11 @@
-//! The lock-step session: a sample out, its command back, one step of the
-//! plant, as fast as the machine.
+//! The lock-step session: sends a sample, waits for its command, steps the
+//! plant, and repeats as fast as the machine allows.
 //!
-//! Sim time is tick number over rate. A command is taken only for its tick and
-//! run id, however long it takes to come, so a run is the same, bit for bit,
-//! over any transport and at any speed. Where the scenario has faults on the
-//! link, they happen here, at the leg's end; in a tick that they leave without a
-//! command the leg goes on under the one before.
+//! Simulated time is tick number over rate. A command is accepted only for its
+//! own tick and run id, so a run is bit for bit the same over any transport and
+//! at any speed. Faults of the scenario that affect the link are applied here, at
+//! the leg's end; in a tick for which they drop the command, the command before
+//! stays in force.
 
 use std::time::{Duration, Instant};
 
@@ -20,12 +20,12 @@ use super::timing::RoundTrips;
 use crate::faults::add_counts;
 use crate::scenario::Scenario;
 
-/// How a session is played.
+/// Options of a lock-step session.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
-    /// Number of the run, carried by every message.
+    /// Identifies the run; every message carries it.
     pub run_id: u32,
-    /// How long to wait for a command.
+    /// Longest wait for a command.
     pub timeout: Duration,
 }
 
@@ -35,36 +35,36 @@ impl Default for Options {
     }
 }
 
-/// Why a run broke off.
+/// Why a run ended early.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SessionError {
-    /// The link is broken, or the controller gone.
+    /// The link failed, or the controller left.
     #[error("at tick {tick}: {cause}")]
     Link {
         /// The tick.
         tick: u64,
-        /// What happened.
+        /// The cause.
         cause: LinkError,
     },
-    /// The controller is there, but sends nothing that fits.
+    /// The controller is connected but sent no matching command in time.
     #[error(
-        "at tick {tick}: the {role} lives but has not answered for {waited_s} s; is it stopped? --timeout sets the patience",
+        "at tick {tick}: the {role} is running but has not answered for {waited_s} s; it may be stopped",
         role = Role::Controller
     )]
     NoAnswer {
         /// The tick.
         tick: u64,
-        /// How long, s.
+        /// Time waited, s.
         waited_s: f64,
     },
 }
 
-/// Plays `scenario` to the controller at the other end of `link`. `observe`
-/// sees every tick; it may be slow, the run waits for it.
+/// Plays `scenario` with the controller at the other end of `link`. The run
+/// waits for `observe`, which is called at every tick.
 ///
 /// # Errors
-/// [`SessionError`] when the controller goes or does not answer in time.
+/// [`SessionError`] if the controller leaves or does not answer in time.
 pub fn run(
     scenario: &Scenario,
     link: &mut impl LegLink,
@@ -74,10 +74,10 @@ pub fn run(
     run_with(scenario, link, options, &mut Observe(observe))
 }
 
-/// As [`run`], with all that may be hooked into a run.
+/// Like [`run`], with [`Hooks`].
 ///
 /// # Errors
-/// As [`run`].
+/// Like [`run`].
 pub fn run_with(
     scenario: &Scenario,
     link: &mut impl LegLink,
@@ -94,7 +94,7 @@ pub fn run_with(
     Ok(outcome)
 }
 
-/// Plays over a link as it is: the scenario's faults on it have their place there.
+/// Plays over a link that applies the scenario's faults itself.
 pub(super) fn run_on(
     scenario: &Scenario,
     link: &mut impl LegLink,
@@ -103,7 +103,7 @@ pub(super) fn run_on(
 ) -> Result<Outcome, SessionError> {
     let mut leg = Leg::new(scenario, options.run_id);
     let mut round_trips = RoundTrips::default();
-    let begun = Instant::now();
+    let start = Instant::now();
     let ending = loop {
         if let Some(ending) = leg.ending() {
             break ending;
@@ -113,20 +113,21 @@ pub(super) fn run_on(
             break Ending::Stopped;
         }
         hooks.steer(&mut leg);
-        let asked = Instant::now();
-        let command = ask(&mut leg, link, options.timeout)?;
-        let round_trip = asked.elapsed();
+        let sent = Instant::now();
+        let command = exchange(&mut leg, link, options.timeout)?;
+        let round_trip = sent.elapsed();
         round_trips.record(round_trip);
         leg.step(command, round_trip, &mut |tick: &TickRecord| hooks.observe(tick));
     };
-    let wall_time_s = begun.elapsed().as_secs_f64();
+    let wall_time_s = start.elapsed().as_secs_f64();
     let tick = leg.seq();
-    link.send(&leg.farewell()).map_err(|cause| SessionError::Link { tick, cause })?;
+    link.send(&leg.end_sample()).map_err(|cause| SessionError::Link { tick, cause })?;
     Ok(leg.outcome(ending, wall_time_s, round_trips))
 }
 
-/// The command for this very sample; of a link with faults, what it gives.
-fn ask(
+/// Sends the current sample and waits for its command. A link with faults may
+/// return an older command or none.
+fn exchange(
     leg: &mut Leg<'_>,
     link: &mut impl LegLink,
     timeout: Duration,
@@ -146,7 +147,7 @@ fn ask(
         if leg.is_answered_by(&command) || link.expects_no_reply() {
             return Ok(Some(command));
         }
-        leg.refuse(&command);
+        leg.count_refused(&command);
         let since = *since.get_or_insert_with(Instant::now);
         left = timeout.saturating_sub(since.elapsed());
     }

@@ -1,8 +1,8 @@
-//! Sessions: the plant played to a controller.
+//! Sessions: the plant and a controller stepped together.
 
 pub mod child;
+mod command_hold;
 mod hash;
-mod held;
 pub mod hooks;
 pub mod leg;
 pub mod lock_step;
@@ -13,10 +13,10 @@ mod timing;
 pub mod two_processes;
 
 pub use child::ControllerChild;
+pub use command_hold::SAFE_AFTER_TICKS;
 pub use hash::StateHash;
-pub use held::SAFE_AFTER_TICKS;
 pub use hooks::Hooks;
 pub use leg::{Leg, TickRecord};
 pub use lock_step::{Options, SessionError};
-pub use outcome::{Ending, Outcome, Report};
+pub use outcome::{Ending, Outcome, RunReport};
 pub use timing::{RoundTripUs, RoundTrips};

@@ -1,4 +1,4 @@
-//! What a run came to, whatever session played it.
+//! The result of a run, of any session.
 
 use serde::Serialize;
 
@@ -10,73 +10,73 @@ use leg_plant::Body;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Ending {
-    /// Its time was over.
+    /// The duration was over.
     Duration,
-    /// It had come as far as it should.
+    /// The distance was reached.
     Distance,
     /// The leg fell.
     Fall,
-    /// It was told to stop, or its link broke.
+    /// The user stopped it, or its link failed.
     Stopped,
 }
 
-/// What a run came to.
+/// Result of a run.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// Why it ended.
+    /// Why the run ended.
     pub ending: Ending,
-    /// Falls after which it was put back to its start.
+    /// Falls after which the leg was put back to its start.
     pub restarts: u32,
     /// Ticks played.
     pub ticks: u64,
     /// Simulated time, s.
     pub sim_time_s: f64,
-    /// Real time, s.
+    /// Wall time, s.
     pub wall_time_s: f64,
-    /// Way from the start along x, m.
+    /// Distance from the start along x, m.
     pub distance_m: f64,
     /// The state at the end.
     pub body: Body,
-    /// Times that the foot came down.
+    /// Touchdowns.
     pub touchdowns: u64,
     /// Apexes.
     pub apexes: u64,
-    /// Ticks under a safe command, the controller's or the leg's own.
+    /// Ticks under a safe command of the controller or of the leg itself.
     pub safe_ticks: u64,
-    /// Ticks for which no new command had come; in lock-step none.
+    /// Ticks without a new command; none in lock-step.
     pub held_ticks: u64,
-    /// Times that the leg took its own safe command, for want of another.
+    /// Times that the leg changed to its own safe command.
     pub silences: u64,
-    /// Samples that the controller's guard rejected, by its last command.
+    /// Samples that the controller rejected, according to its last command.
     pub rejected: u32,
-    /// Commands dropped: of another version or run, out of order, too old, or
-    /// with a figure that is not finite.
+    /// Commands rejected: of another version or run, out of order, too old, or not
+    /// finite.
     pub foreign_commands: u64,
-    /// Hash of every state and command.
+    /// Hash of all states and commands.
     pub state_hash: u64,
-    /// What each fault did.
+    /// Counts of each fault.
     pub faults: Vec<FaultCount>,
-    /// How long the answers took.
+    /// Round-trip times of the commands.
     pub round_trips: RoundTrips,
 }
 
 impl Outcome {
-    /// Ticks a second of real time.
+    /// Returns the ticks per second of wall time.
     #[must_use]
     pub fn ticks_per_s(&self) -> f64 {
         self.ticks as f64 / self.wall_time_s
     }
 
-    /// Whether the controller sent its safe command throughout.
+    /// Returns whether every tick was under a safe command.
     #[must_use]
     pub fn all_safe(&self) -> bool {
         self.ticks > 0 && self.safe_ticks == self.ticks
     }
 
-    /// The figures, for a script.
+    /// Returns the serialisable report.
     #[must_use]
-    pub fn report(&self) -> Report {
-        Report {
+    pub fn report(&self) -> RunReport {
+        RunReport {
             ending: self.ending,
             falls: self.restarts + u32::from(self.ending == Ending::Fall),
             hops: self.touchdowns,
@@ -96,38 +96,38 @@ impl Outcome {
     }
 }
 
-/// The figures of an [`Outcome`], by the names that scripts read.
+/// The values of an [`Outcome`] under the names that scripts read.
 #[derive(Clone, Debug, Serialize)]
-pub struct Report {
+pub struct RunReport {
     /// Why the run ended.
     pub ending: Ending,
-    /// Falls: more than one where a leg that falls is put back to its start.
+    /// Falls; more than one if a fallen leg is put back to its start.
     pub falls: u32,
-    /// Times that the foot came down.
+    /// Touchdowns.
     pub hops: u64,
     /// Apexes.
     pub apexes: u64,
-    /// Way along x, m.
+    /// Distance from the start along x, m.
     pub distance_m: f64,
     /// Ticks played.
     pub ticks: u64,
     /// Simulated time, s.
     pub sim_time_s: f64,
-    /// Ticks a second of real time.
+    /// Ticks per second of wall time.
     pub ticks_per_s: f64,
     /// Ticks under a safe command.
     pub safe_ticks: u64,
-    /// Ticks for which no new command had come.
+    /// Ticks without a new command.
     pub held_ticks: u64,
-    /// Times that the leg took its own safe command.
+    /// Times that the leg changed to its own safe command.
     pub silences: u64,
-    /// Samples that the controller's guard rejected.
+    /// Samples that the controller rejected.
     pub rejected: u32,
-    /// Time from sample to command.
+    /// From sending a sample to receiving its command.
     pub round_trip_us: RoundTripUs,
     /// Hash of every state and command, hexadecimal.
     pub state_hash: String,
-    /// What each fault did.
+    /// Counts of each fault.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub faults: Vec<FaultCount>,
 }

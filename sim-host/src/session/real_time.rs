@@ -1,13 +1,13 @@
 //! The session in real time: a tick of the plant at every tick of the clock,
-//! whether or not a command has come for it.
+//! whether or not a command has arrived for it.
 //!
-//! At a tick of the clock the leg takes the newest command, plays the time
-//! since the tick before under it, and sends what it senses now. A command that
-//! is in time answers the sample of the tick before; so a run in which every
-//! command is in time is, bit for bit, the one in lock-step.
+//! At a tick of the clock the leg takes the newest command, plays the time since
+//! the tick before under it, and sends a sample. A command that arrives in time
+//! answers the sample of the tick before, so a run in which every command arrives
+//! in time is bit for bit the run in lock-step.
 //!
-//! Before the first command the leg is held at its start, for at most
-//! [`HOLD`]: a run does not begin with a fall because a process is slow to start.
+//! Until the first command arrives the leg is held at its start, for at most
+//! [`START_HOLD`], so that a slow start of the controller does not cause a fall.
 
 mod task;
 
@@ -26,25 +26,25 @@ use crate::scenario::Scenario;
 pub use super::hooks::Hooks;
 pub use task::LegTask;
 
-/// Longest time for which a leg is held at its start until it is commanded.
-pub const HOLD: Duration = Duration::from_secs(1);
+/// Longest time for which a leg is held at its start until a command arrives.
+pub const START_HOLD: Duration = Duration::from_secs(1);
 
-/// What becomes of a leg that falls.
+/// Behaviour after a fall.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum OnFall {
     /// The run ends.
     #[default]
     End,
-    /// It is put back to its start, as another run, and the fall is counted.
+    /// The leg is put back to its start as another run, and the fall is counted.
     Restart,
 }
 
-/// How a session is played.
+/// Options of a session in real time.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
-    /// Number of the run, carried by every message; raised by a restart.
+    /// Identifies the run; every message carries it and a restart increments it.
     pub run_id: u32,
-    /// What becomes of a leg that falls.
+    /// Behaviour after a fall.
     pub on_fall: OnFall,
 }
 
@@ -54,21 +54,21 @@ impl Default for Options {
     }
 }
 
-/// What a session came to.
+/// Result of a session in real time.
 #[derive(Clone, Debug)]
 pub struct Played {
-    /// What broke it off, if anything did.
+    /// The error that ended the session early, if any.
     pub ended: Result<(), LinkError>,
-    /// What came of the leg.
+    /// The result of the run.
     pub outcome: Outcome,
-    /// The figures of the loop.
+    /// The report of the loop.
     pub report: LoopReport,
 }
 
-/// Plays `scenario` in real time, on this thread, to the controller at the other
-/// end of `link`. `supervise` is called every 10 ms, beside the loop: the place
-/// for what may take its time. Faults of the scenario that are on the link happen
-/// here, at the leg's end.
+/// Plays `scenario` in real time on this thread with the controller at the other
+/// end of `link`. `supervise` is called every 10 ms on another thread and may
+/// block. Faults of the scenario that affect the link are applied here, at the
+/// leg's end.
 pub fn run(
     scenario: &Scenario,
     link: &mut impl LegLink,
@@ -88,7 +88,7 @@ pub fn run(
     played
 }
 
-/// Plays over a link as it is.
+/// Plays over a link without faults.
 fn run_on(
     scenario: &Scenario,
     link: &mut impl LegLink,
@@ -99,17 +99,17 @@ fn run_on(
     hooks: &mut impl Hooks,
 ) -> Played {
     let mut task = LegTask::new(scenario, link, options, hooks);
-    let begun = Instant::now();
+    let start = Instant::now();
     let (ended, tally) = run_loop(loop_options, &mut task, stop, supervise);
-    let wall_time_s = begun.elapsed().as_secs_f64();
-    let told_to_stop = task.ending().is_none() && stop.is_raised();
+    let wall_time_s = start.elapsed().as_secs_f64();
+    let stopped = task.ending().is_none() && stop.is_raised();
     let (leg, ending) = task.finish();
     let ended = ended.and_then(|()| {
-        if !told_to_stop {
+        if !stopped {
             return Ok(());
         }
-        // The controller should not be left waiting.
-        link.send(&leg.farewell()).and(Err(LinkError::Stopped))
+        // Tells the controller not to wait.
+        link.send(&leg.end_sample()).and(Err(LinkError::Stopped))
     });
     let round_trips = RoundTrips::of(tally.round_trips_ns());
     let outcome = leg.outcome(ending.unwrap_or(Ending::Stopped), wall_time_s, round_trips);

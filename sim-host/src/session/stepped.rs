@@ -1,4 +1,4 @@
-//! Leg and controller stepped in turn, in one thread.
+//! A session that steps leg and controller in turn in one thread.
 
 use crate::faults::stage::Stepped;
 use leg_control::wire::{Command, Sample};
@@ -10,12 +10,12 @@ use super::outcome::Outcome;
 use crate::faults::add_counts;
 use crate::scenario::Scenario;
 
-/// Plays `scenario` to `law`, which is called once a tick, with what the
-/// scenario's faults leave of its sample or with `None`. Without faults on the
-/// link the run is, bit for bit, that of any lock-step session.
+/// Plays `scenario` with `law`, which is called once per tick with the sample, or
+/// with `None` if a fault dropped it. Without faults on the link the run is bit
+/// for bit that of any lock-step session.
 ///
 /// # Errors
-/// None in practice: nothing here can be gone or silent.
+/// None in practice: there is no link that could fail.
 pub fn run(
     scenario: &Scenario,
     law: impl FnMut(Option<&Sample>) -> Command,

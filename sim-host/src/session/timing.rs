@@ -1,25 +1,25 @@
-//! How long the controller takes to answer.
+//! Round-trip times of the controller.
 
 use std::time::Duration;
 
 use hdrhistogram::Histogram;
 use serde::Serialize;
 
-/// Longest round trip told apart from longer ones.
-const LONGEST_NS: u64 = 60_000_000_000;
+/// Longest round trip in the histogram; longer ones count as this.
+const MAX_NS: u64 = 60_000_000_000;
 
-/// Round-trip times of a run.
+/// Histogram of the round-trip times of a run.
 #[derive(Clone, Debug)]
 pub struct RoundTrips(Histogram<u64>);
 
-/// Their quantiles, us.
+/// Quantiles of round-trip times, us.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct RoundTripUs {
-    /// Half are shorter.
+    /// The median.
     pub p50: f64,
-    /// One in a hundred is longer.
+    /// The 99th percentile.
     pub p99: f64,
-    /// One in a thousand is longer.
+    /// The 99.9th percentile.
     pub p99_9: f64,
     /// The longest.
     pub max: f64,
@@ -27,22 +27,22 @@ pub struct RoundTripUs {
 
 impl Default for RoundTrips {
     fn default() -> Self {
-        Self(Histogram::new_with_bounds(1, LONGEST_NS, 3).expect("bounds that the library takes"))
+        Self(Histogram::new_with_bounds(1, MAX_NS, 3).expect("valid bounds"))
     }
 }
 
 impl RoundTrips {
-    /// Takes in one.
+    /// Adds a round-trip time.
     pub fn record(&mut self, time: Duration) {
-        self.0.saturating_record(time.as_nanos().min(u128::from(LONGEST_NS)) as u64);
+        self.0.saturating_record(time.as_nanos().min(u128::from(MAX_NS)) as u64);
     }
 
-    /// Those of a loop in real time.
+    /// Copies the histogram of a loop in real time.
     pub(super) fn of(times_ns: &Histogram<u64>) -> Self {
         Self(times_ns.clone())
     }
 
-    /// The quantiles.
+    /// Returns the quantiles.
     #[must_use]
     pub fn quantiles_us(&self) -> RoundTripUs {
         let at = |quantile| self.0.value_at_quantile(quantile) as f64 * 1e-3;

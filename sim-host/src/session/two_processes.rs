@@ -1,4 +1,4 @@
-//! A session with a controller in another process, from meeting to parting.
+//! A session with a controller in another process, from connecting to leaving.
 
 use std::fmt;
 use std::io;
@@ -12,39 +12,39 @@ use leg_host::shm::{ConnectError, MissingPeer, ShmLeg};
 use leg_host::{Domain, LegLink, SessionParams};
 use leg_process::Stop;
 
-use super::child::{ControllerCall, ControllerChild};
+use super::child::{ControllerArgs, ControllerChild};
 use super::leg::TickRecord;
 use super::lock_step::{self, Options, SessionError};
 use super::outcome::Outcome;
 use crate::scenario::Scenario;
 
-/// How two processes come together.
+/// How to connect to a controller process.
 #[derive(Clone, Debug)]
-pub struct Meeting {
-    /// Where.
+pub struct ConnectOptions {
+    /// The domain in which both processes connect.
     pub domain: String,
-    /// How long to wait for a missing or silent controller.
+    /// Longest wait for a missing or silent controller.
     pub timeout: Duration,
-    /// The controller to start; `None` waits for one that somebody else starts.
-    pub start: Option<ControllerCall>,
-    /// The number of the run; see [`new_run_id`].
+    /// The controller to start; `None` waits for one that is started elsewhere.
+    pub start: Option<ControllerArgs>,
+    /// Identifies the run; see [`new_run_id`].
     pub run_id: u32,
 }
 
-/// Why there was no run, or not a whole one.
+/// Why a run did not start, or ended early.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlayError {
-    /// No controller, or not a fitting one.
+    /// No controller connected, or one with other parameters.
     #[error(transparent)]
     Connect(#[from] ConnectError),
-    /// The run broke off.
+    /// The session ended early.
     #[error(transparent)]
     Session(#[from] SessionError),
-    /// The controller could not be started.
+    /// The controller process could not be started.
     #[error("cannot start the controller: {0}")]
     Start(io::Error),
-    /// The controller that was started ended otherwise than well.
+    /// The controller process that was started here failed.
     #[error("the controller failed ({0}); its message is above")]
     Controller(ExitStatus),
 }
@@ -55,114 +55,118 @@ impl From<DomainError> for PlayError {
     }
 }
 
-/// What is worth a word, or may be.
+/// An event of the connection.
 #[derive(Clone, Copy, Debug)]
-pub enum News<'a> {
-    /// Every few milliseconds: the first controller is still missing.
+pub enum SessionEvent<'a> {
+    /// The first controller is still missing; sent every few milliseconds.
     Missing(&'a MissingPeer),
-    /// Something happened to the controller in the middle of the run.
-    Notice(&'a LinkEvent),
+    /// The controller was lost or came back during the run.
+    Peer(&'a LinkEvent),
 }
 
-/// A controller that has been met.
-pub struct Met<'a> {
-    /// The link to it.
+/// A connected controller.
+pub struct Connected<'a> {
+    /// The link to the controller.
     pub link: ShmLeg,
-    patience: Duration,
-    tell: &'a mut dyn FnMut(News<'_>),
-    /// Whether another may come in its place.
-    wanted: &'a mut dyn FnMut() -> bool,
+    timeout: Duration,
+    on_event: &'a mut dyn FnMut(SessionEvent<'_>),
+    /// Returns whether to wait for another controller if this one is lost.
+    may_wait: &'a mut dyn FnMut() -> bool,
 }
 
-impl fmt::Debug for Met<'_> {
+impl fmt::Debug for Connected<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Met").field("link", &self.link).finish_non_exhaustive()
+        f.debug_struct("Connected").field("link", &self.link).finish_non_exhaustive()
     }
 }
 
-impl<'a> Met<'a> {
-    /// The link for a run in lock-step, which waits for a controller that is
-    /// lost.
+impl<'a> Connected<'a> {
+    /// Returns a link for a run in lock-step, which waits for another controller
+    /// if this one is lost.
     #[must_use]
     pub fn in_lock_step(self) -> impl LegLink + use<'a> {
-        let Self { link, patience, tell, wanted } = self;
+        let Self { link, timeout, on_event, may_wait } = self;
         ReconnectingLink::new(
             link,
-            patience,
-            |notice: &LinkEvent| tell(News::Notice(notice)),
-            |_: &MissingPeer| wanted(),
+            timeout,
+            |notice: &LinkEvent| on_event(SessionEvent::Peer(notice)),
+            |_: &MissingPeer| may_wait(),
         )
     }
 }
 
-/// A number for a run that begins now: later ones have higher numbers, whoever
-/// plays them, so that a controller that stays takes none for the past. It
-/// counts hundredths of a second and wraps after 497 days; half of these count
-/// as the future.
+/// Returns an id for a run that begins now. Later runs have higher ids, whichever
+/// process plays them, so that a controller that stays running does not take a
+/// new run for an old one. The id counts hundredths of a second and wraps after
+/// 497 days; ids up to half of that ahead count as newer.
 #[must_use]
 pub fn new_run_id() -> u32 {
     (UNIX_EPOCH.elapsed().unwrap_or_default().as_millis() / 10) as u32
 }
 
-/// Plays `scenario` over shared memory, in lock-step. `tell` hears the news;
-/// `observe` sees every tick.
+/// Plays `scenario` over shared memory in lock-step. `observe` is called at every
+/// tick.
 ///
-/// A controller that is lost in the middle of the run is waited for, as long as
-/// the first one: the next that comes is asked the same tick again. (Not so if
-/// it was started here.)
+/// If the controller is lost during the run, the run waits for another one as
+/// long as for the first and sends it the same sample again, unless the
+/// controller was started here.
 ///
-/// Whatever happens, a controller started here has ended and is reaped when
-/// this returns, and nothing is left in shared memory.
+/// When this returns, a controller started here has ended and is reaped, and
+/// nothing is left in shared memory.
 ///
 /// # Errors
 /// [`PlayError`].
-pub fn play(
+pub fn run_lock_step(
     scenario: &Scenario,
-    meeting: &Meeting,
+    connect: &ConnectOptions,
     stop: &Stop,
-    tell: impl FnMut(News<'_>),
+    on_event: impl FnMut(SessionEvent<'_>),
     observe: impl FnMut(&TickRecord),
 ) -> Result<Outcome, PlayError> {
-    let options = Options { timeout: meeting.timeout, run_id: meeting.run_id };
-    let (outcome, _) = play_by(scenario.session_params(), meeting, stop, tell, |met| {
-        Ok(lock_step::run(scenario, &mut met.in_lock_step(), options, observe)?)
-    })?;
+    let options = Options { timeout: connect.timeout, run_id: connect.run_id };
+    let (outcome, _) =
+        connect_and_run(scenario.session_params(), connect, stop, on_event, |connected| {
+            Ok(lock_step::run(scenario, &mut connected.in_lock_step(), options, observe)?)
+        })?;
     Ok(outcome)
 }
 
-/// As [`play`], in whatever way `run` plays once the two have met on `params`.
-/// Beside what came of that: the figures of a controller's loop in real time, if
-/// it was started here.
+/// Connects on `terms` and calls `run`. Returns its result and, if the controller
+/// was started here in real time, the report of its loop.
 ///
 /// # Errors
-/// As [`play`].
-pub fn play_by<R>(
-    params: SessionParams,
-    meeting: &Meeting,
+/// [`PlayError`].
+pub fn connect_and_run<R>(
+    terms: SessionParams,
+    connect: &ConnectOptions,
     stop: &Stop,
-    mut tell: impl FnMut(News<'_>),
-    run: impl FnOnce(Met<'_>) -> Result<R, PlayError>,
+    mut on_event: impl FnMut(SessionEvent<'_>),
+    run: impl FnOnce(Connected<'_>) -> Result<R, PlayError>,
 ) -> Result<(R, Option<LoopReport>), PlayError> {
-    // Before the child and dropped after it, so that the last to leave is this process,
-    // and takes along what a killed child left.
-    let domain = Domain::join(&meeting.domain)?;
+    // Joined before the child and left after it, so that this process removes what a killed
+    // child leaves.
+    let domain = Domain::join(&connect.domain)?;
     let mut child =
-        meeting.start.as_ref().map(ControllerChild::spawn).transpose().map_err(PlayError::Start)?;
+        connect.start.as_ref().map(ControllerChild::spawn).transpose().map_err(PlayError::Start)?;
 
-    let link = ShmLeg::connect_while(&domain, params, meeting.timeout, stop, |missing| {
-        tell(News::Missing(missing));
+    let link = ShmLeg::connect_while(&domain, terms, connect.timeout, stop, |missing| {
+        on_event(SessionEvent::Missing(missing));
         child.as_mut().is_none_or(|child| child.ended().is_none())
     });
     let link = match (link, child.as_mut().and_then(ControllerChild::ended)) {
         (Err(_), Some(status)) => return Err(PlayError::Controller(status)),
         (link, _) => link?,
     };
-    let mut wanted = || child.as_mut().is_none_or(|child| child.ended().is_none());
-    let (patience, tell, wanted) = (meeting.timeout, &mut tell as _, &mut wanted as _);
-    let outcome = run(Met { link, patience, tell, wanted })?;
+    let mut may_wait = || child.as_mut().is_none_or(|child| child.ended().is_none());
+    let outcome = run(Connected {
+        link,
+        timeout: connect.timeout,
+        on_event: &mut on_event,
+        may_wait: &mut may_wait,
+    })?;
     let Some(child) = child else { return Ok((outcome, None)) };
     match child.finish().map_err(PlayError::Start)? {
-        (status, of_its_loop) if status.success() => Ok((outcome, of_its_loop)),
+        (status, report) if status.success() => Ok((outcome, report)),
         (status, _) => Err(PlayError::Controller(status)),
     }
 }

@@ -1,4 +1,5 @@
-//! The main job: out of the sea, over the shore, onto land.
+//! The demonstration, which `sim-host` runs without a subcommand: the leg hops out
+//! of the water, over the shore, onto land.
 
 pub mod picture;
 pub mod report;
@@ -9,20 +10,20 @@ use leg_plant::{Event, EventKind, Phase};
 use report::{Regions, Report};
 use track::{ApexMark, LegPose, Track};
 
-/// Ticks between two points of the path that is drawn.
+/// Ticks between two points of the plotted path.
 const PATH_STRIDE: u64 = 8;
 
-/// Watches a run and keeps what table and picture want.
+/// Observes a run and keeps the data for the table and the picture.
 #[derive(Clone, Debug, Default)]
-pub struct Recorder {
+pub struct TrackRecorder {
     track: Track,
-    /// Apexes that the controller has not told its estimate of yet.
+    /// Apexes for which the controller's estimate has not arrived yet.
     awaiting_estimate: usize,
-    apexes_told: u32,
+    last_apexes: u32,
 }
 
-impl Recorder {
-    /// Takes in a tick; returns the apex that the controller has just seen.
+impl TrackRecorder {
+    /// Adds a tick. Returns the apex that the controller has just answered.
     pub fn observe(&mut self, tick: &TickRecord<'_>) -> Option<ApexMark> {
         let seen = self.take_estimate(tick);
         if tick.seq.is_multiple_of(PATH_STRIDE) {
@@ -38,14 +39,14 @@ impl Recorder {
         seen
     }
 
-    /// The controller answers an apex in the tick after it.
+    /// Takes the density estimate; the controller answers an apex in the tick after it.
     fn take_estimate(&mut self, tick: &TickRecord<'_>) -> Option<ApexMark> {
-        if tick.command.apexes == self.apexes_told {
+        if tick.command.apexes == self.last_apexes {
             return None;
         }
-        self.apexes_told = tick.command.apexes;
+        self.last_apexes = tick.command.apexes;
         if self.awaiting_estimate == 0 {
-            // The start, which is an apex for the controller only.
+            // The start counts as an apex only for the controller.
             return None;
         }
         self.awaiting_estimate = 0;
@@ -78,13 +79,13 @@ impl Recorder {
         }
     }
 
-    /// The course of the run so far.
+    /// Returns the track so far.
     #[must_use]
     pub fn track(&self) -> &Track {
         &self.track
     }
 
-    /// What the run came to; `end_rho` is the density ratio where it ended.
+    /// Returns the report; `end_rho` is the density ratio where the run ended.
     #[must_use]
     pub fn report(&self, outcome: &Outcome, end_rho: f64) -> Report {
         let run = outcome.report();

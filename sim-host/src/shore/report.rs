@@ -1,18 +1,18 @@
-//! What the run came to: a table for people, an object for scripts.
+//! The report of the demonstration, as a text table and as JSON.
 
 use super::track::{ApexMark, Track};
 use crate::session::RoundTripUs;
 use serde::Serialize;
 use std::fmt;
 
-/// The result of a run over the shore; `--json` prints it as it stands.
+/// Result of the demonstration; its fields are the keys of the JSON output.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
-    /// Falls: 0, or 1 and the run ended there.
+    /// Falls, 0 or 1: the run ends at a fall.
     pub falls: u32,
-    /// Apexes.
+    /// Number of apexes.
     pub hops: usize,
-    /// From the start to the end, m.
+    /// Distance from start to end, m.
     pub distance_m: f64,
     /// Density ratio where the run ended.
     pub end_rho: f64,
@@ -20,41 +20,41 @@ pub struct Report {
     pub sim_time_s: f64,
     /// Ticks played.
     pub ticks: u64,
-    /// Ticks a second of wall time.
+    /// Ticks per second of wall time.
     pub ticks_per_s: f64,
-    /// From sending a sample to having its command, us.
+    /// From sending a sample to receiving its command, us.
     pub round_trip_us: RoundTripUs,
-    /// Mean distance of the apex velocity from the set-point, m/s.
+    /// Mean absolute error of the apex velocity, m/s.
     pub tracking: Regions<f64>,
-    /// More on each region.
+    /// Results in each region.
     pub regions: Regions<Region>,
     /// Largest error of the density estimate at an apex.
     pub rho_error_max: f64,
-    /// Hash of every state and command of the run.
+    /// Hash of all states and commands of the run.
     pub state_hash: String,
 }
 
-/// The same figure in the water, on the shore and on land.
+/// A value for each region: water, shore and land.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Regions<T> {
     /// Where the density ratio is 1.
     pub water: T,
-    /// In between.
+    /// Where it is between 0 and 1.
     pub shore: T,
     /// Where it is 0.
     pub land: T,
 }
 
-/// The hops in a region.
+/// Results in a region.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Region {
-    /// Apexes there.
+    /// Number of apexes.
     pub hops: usize,
-    /// Their mean velocity, m/s.
+    /// Mean velocity at the apexes, m/s.
     pub mean_v: f64,
-    /// Mean distance of the velocity from the set-point, m/s.
+    /// Mean absolute error of the velocity, m/s.
     pub tracking_error: f64,
-    /// Largest distance of the density estimate from the truth.
+    /// Largest error of the density estimate.
     pub rho_error_max: f64,
 }
 
@@ -73,7 +73,7 @@ impl Region {
 }
 
 impl Regions<Region> {
-    /// The tracking error of each, m/s.
+    /// Returns the tracking error in each region, m/s.
     #[must_use]
     pub fn tracking(&self) -> Regions<f64> {
         Regions {
@@ -83,7 +83,7 @@ impl Regions<Region> {
         }
     }
 
-    /// Of a run's apexes, each in the region of its density.
+    /// Assigns each apex of a run to the region of its density.
     #[must_use]
     pub fn of(track: &Track) -> Self {
         let within = |is_there: fn(f64) -> bool| {
@@ -127,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_apex_counts_in_the_region_of_its_density() {
+    fn assigns_each_apex_to_the_region_of_its_density() {
         let apex = |density_ratio, vx_m_s| ApexMark {
             t_s: 0.0,
             x_m: 0.0,

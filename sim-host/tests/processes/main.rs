@@ -271,7 +271,7 @@ fn a_run_in_the_safe_state_throughout_is_warned_of() {
     let place = Place::new();
     let floats = ["--in-process", "--json", "--density-ratio", "2", "--start-y", "99"];
     let floats = place.alone(&floats).end();
-    floats.assert(0, &["warning: the controller never left its safe state", "of 60000 ticks"]);
+    floats.assert(0, &["warning: the controller never left its safe state", "all 60000 ticks"]);
     let report: serde_json::Value = serde_json::from_str(&floats.out).expect("JSON");
     assert_eq!(report["safe_ticks"], report["ticks"]);
     assert!(report["rejected"].as_u64() > Some(0), "above 100 m: {}", floats.out);

@@ -145,7 +145,7 @@ fn a_recording_is_drawn_over_any_stretch_of_its_time() {
     assert!(all > 20, "{all}");
     plot(&["--from", "2", "--until", "5"]).assert_ok();
     assert!((1..all).contains(&dots(&svg)), "{}", dots(&svg));
-    plot(&["--from", "11"]).assert(2, &["nothing of it lies between", "11", "9.999"]);
+    plot(&["--from", "11"]).assert(2, &["it has no ticks between", "11", "9.999"]);
     plot(&["--from", "5", "--until", "2"]).assert(2, &["--from 5 --until 2"]);
     let other = place.policy();
     place.start("plot", &[text(&other), "-o", text(&svg)]).end().assert(2, &["not an MCAP file"]);
@@ -155,7 +155,7 @@ fn a_recording_is_drawn_over_any_stretch_of_its_time() {
 fn a_scenario_is_recorded_as_a_file_that_says_the_same() {
     let text = "rate_hz = 500\nduration_s = 0.1\nseed = 18446744073709551615\n\
                 density_profile = [[1.0, 0.30000000000000004], [2.0, 0.0]]\ngravity_m_s2 = 1.62\n\
-                density = \"told\"\nset_point_m_s = 0.1\nset_point_steps = [{ from_x_m = 3.0, m_s = -1.5 }]\n\
+                density = \"measured\"\nset_point_m_s = 0.1\nset_point_steps = [{ from_x_m = 3.0, m_s = -1.5 }]\n\
                 [start]\nvx_spread_m_s = 0.7\n\
                 [leg_parameters]\nmass_kg = 70.0\nadded_mass_kg = 1.0\nstiffness_n_m = 20000.0\n\
                 volume_m3 = 0.07\nrest_length_m = 1.0\nmax_elongation_m = 0.1\narea_x_m2 = 0.5\n\
@@ -316,7 +316,7 @@ fn a_replay_finds_one_bit_and_goes_as_far_as_nothing_is_missing() {
     };
     record(&path, 5, |_| true, &policy, law);
     let report = replay::replay(&path, None).unwrap();
-    assert_eq!((report.equal, report.began_anew, report.compared), (true, vec![2500], 5000));
+    assert_eq!((report.equal, report.restart_ticks, report.compared), (true, vec![2500], 5000));
 }
 
 #[test]
@@ -397,7 +397,7 @@ fn what_is_no_recording_of_ours_is_refused_with_status_2() {
         place.alone(&["--in-process", "--duration", "1", "--record", text(path)]).end()
     };
     run(&place.file("no/such/folder.mcap")).assert(2, &["cannot record to", "No such file"]);
-    run(file.parent().unwrap()).assert(2, &["it is there and is not a file"]);
+    run(file.parent().unwrap()).assert(2, &["it exists and is not a file"]);
     let lock = fs::File::create(part(&file)).unwrap();
     lock.lock().unwrap();
     run(&file).assert(2, &["another recorder is writing", "some.mcap.part"]);

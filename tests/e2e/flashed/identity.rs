@@ -158,7 +158,7 @@ fn scenario(run: u64, left: u64) -> Scenario {
         density: Some(if run.is_multiple_of(2) {
             sim_host::scenario::DensitySense::Estimated
         } else {
-            sim_host::scenario::DensitySense::Told
+            sim_host::scenario::DensitySense::Measured
         }),
         ..Settings::default()
     };

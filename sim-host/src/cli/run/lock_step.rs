@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use leg_control::wire::Sample;
 use leg_control::wire_controller::WireController;
-use leg_host::{Pace, Role};
+use leg_host::{Role, TimeMode};
 use leg_process::Stop;
 use leg_process::stdout;
 
@@ -73,7 +73,7 @@ fn two_processes(
 ) -> anyhow::Result<Outcome> {
     let stop = Stop::on_signals()?;
     let timeout = args.meeting.timeout();
-    let terms = scenario.terms();
+    let terms = scenario.session_params();
     let (outcome, _) = with_controller(
         scenario,
         args,
@@ -82,7 +82,8 @@ fn two_processes(
         recording,
         |connected, run_id, recording| {
             let options = Options { run_id, timeout };
-            let operated = operated(&args.domain(), scenario.rate_hz, Pace::LockStep, &stop, None);
+            let operated =
+                operated(&args.domain(), scenario.rate_hz, TimeMode::LockStep, &stop, None);
             let mut hooks = (recording, operated);
             let mut link = connected.in_lock_step();
             Ok(lock_step::run_with(scenario, &mut link, options, &mut hooks)?)

@@ -5,12 +5,12 @@ use std::process::ExitCode;
 
 use leg_control::config::Config;
 use leg_control::policy::Policy;
-use leg_host::cli::{SAY_AFTER, other_leg};
-use leg_host::domain::DomainError;
-use leg_host::patient::Notice;
-use leg_host::realtime::{LoopReport, Shared};
+use leg_host::cli::{SAY_AFTER, hint, other_leg};
+use leg_host::discovery::DomainError;
+use leg_host::realtime::{LatestReport, LoopReport};
+use leg_host::reconnect::LinkEvent;
 use leg_host::shm::ConnectError;
-use leg_host::{Pace, Terms};
+use leg_host::{SessionParams, TimeMode};
 use leg_process::Stop;
 use leg_process::stdout;
 
@@ -45,9 +45,9 @@ pub(super) fn warn_of_other_leg(policy: &Policy<'_>, scenario: &Scenario) {
 pub(super) fn operated(
     domain: &str,
     rate_hz: u32,
-    pace: Pace,
+    pace: TimeMode,
     stop: &Stop,
-    timing: Option<Shared>,
+    timing: Option<LatestReport>,
 ) -> Option<Operated> {
     Operated::open(domain, rate_hz, pace, stop, timing)
         .inspect_err(|error| {
@@ -62,7 +62,7 @@ pub(super) fn operated(
 pub(super) fn with_controller<R>(
     scenario: &Scenario,
     args: &Args,
-    terms: Terms,
+    terms: SessionParams,
     stop: &Stop,
     recording: &mut Recording,
     run: impl FnOnce(Connected<'_>, u32, &mut Recording) -> Result<R, PlayError>,
@@ -96,11 +96,11 @@ fn printer(spawned: bool) -> impl FnMut(SessionEvent<'_>) {
         SessionEvent::Missing(missing) => {
             if !(printed || spawned) && missing.waited >= SAY_AFTER {
                 printed = true;
-                eprintln!("sim-host: {missing}; still waiting");
+                eprintln!("sim-host: {missing}; {}; still waiting", hint::missing_peer(missing));
             }
         }
-        SessionEvent::Peer(Notice::Lost { .. }) if spawned => (),
-        SessionEvent::Peer(notice) => eprintln!("sim-host: {notice}"),
+        SessionEvent::Peer(LinkEvent::Lost { .. }) if spawned => (),
+        SessionEvent::Peer(event) => eprintln!("sim-host: {}", hint::link_event(event)),
     }
 }
 

@@ -3,10 +3,11 @@
 use std::process::ExitCode;
 
 use leg_control::wire_controller::WireController;
-use leg_host::realtime::cli::RealTimeArgs;
-use leg_host::realtime::drive::Options as LoopOptions;
-use leg_host::realtime::{self, Ends, LoopReport, Plain, Shared};
-use leg_host::{Pace, Role, memory};
+use leg_host::cli::hint::peer_event;
+use leg_host::realtime::LoopOptions;
+use leg_host::realtime::args::RealTimeArgs;
+use leg_host::realtime::{self, Direct, ExitOn, LatestReport, LoopReport};
+use leg_host::{Role, TimeMode, memory};
 use leg_process::Stop;
 use leg_process::stdout;
 
@@ -34,7 +35,7 @@ pub(super) fn main(
     let (Played { ended, outcome, report }, controller) = played?;
     if args.json {
         let mut json = serde_json::to_value(outcome.report())?;
-        json["pace"] = serde_json::to_value(Pace::RealTime)?;
+        json["pace"] = serde_json::to_value(TimeMode::RealTime)?;
         json["loop"] = serde_json::to_value(report)?;
         json["controller_loop"] = serde_json::to_value(controller)?;
         stdout::print_line(json)?;
@@ -55,11 +56,11 @@ pub(super) fn main(
 fn loop_options(
     args: &RealTime,
     rate_hz: u32,
-    shared: Shared,
+    shared: LatestReport,
     recording: &Recording,
 ) -> LoopOptions {
-    let listener = recording.listener();
-    LoopOptions { listener, ..args.clock.options(Role::Leg, rate_hz, shared) }
+    let observer = recording.tick_observer();
+    LoopOptions { observer, ..args.clock.options(Role::Leg, rate_hz, shared) }
 }
 
 fn two_processes(
@@ -68,13 +69,17 @@ fn two_processes(
     stop: &Stop,
     recording: &mut Recording,
 ) -> anyhow::Result<(Played, Option<LoopReport>)> {
-    let terms = scenario.terms().with_pace(Pace::RealTime);
+    let terms = scenario.session_params().with_time_mode(TimeMode::RealTime);
     with_controller(scenario, args, terms, stop, recording, |connected, run_id, recording| {
         let mut link = connected.link;
-        let (_, supervise) = realtime::watch(&link, stop, None, |_| ());
-        let shared = Shared::default();
+        let (_, supervise) = realtime::supervise_peer(&link, stop, None, |event| {
+            if let Some(message) = peer_event(event) {
+                eprintln!("sim-host: {message}");
+            }
+        });
+        let shared = LatestReport::default();
         let timing = Some(shared.clone());
-        let operated = operated(&args.domain(), scenario.rate_hz, Pace::RealTime, stop, timing);
+        let operated = operated(&args.domain(), scenario.rate_hz, TimeMode::RealTime, stop, timing);
         let options = args.real_time.session_options(run_id);
         let of_loop = loop_options(&args.real_time, scenario.rate_hz, shared, recording);
         let mut hooks = (recording, operated);
@@ -97,17 +102,18 @@ fn in_process(
     let RealTime { clock, controller_cpu, .. } = &args.real_time;
     let controller_clock = RealTimeArgs { cpu: *controller_cpu, live: false, ..clock.clone() };
     let controller_options =
-        controller_clock.options(Role::Controller, scenario.rate_hz, Shared::default());
+        controller_clock.options(Role::Controller, scenario.rate_hz, LatestReport::default());
     let run_id = Options::default().run_id;
     let (mut link, controllers_end) = memory::pair();
     let (played, served) = std::thread::scope(|scope| {
         let serving = scope.spawn(|| {
-            let mut law = Plain { controller: WireController::new(policy, config), config };
+            let mut law = Direct { controller: WireController::new(policy, config), config };
             let options = &controller_options;
-            realtime::serve(controllers_end, &mut law, Ends::AtFarewell, options, stop, || ())
+            realtime::serve(controllers_end, &mut law, ExitOn::EndOfRun, options, stop, || ())
         });
         let options = args.real_time.session_options(run_id);
-        let of_loop = loop_options(&args.real_time, scenario.rate_hz, Shared::default(), recording);
+        let of_loop =
+            loop_options(&args.real_time, scenario.rate_hz, LatestReport::default(), recording);
         let played = real_time::run(scenario, &mut link, options, &of_loop, stop, || (), recording);
         // If the run ended early, this tells the controller that its leg has left.
         drop(link);

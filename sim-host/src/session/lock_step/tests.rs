@@ -23,7 +23,7 @@ fn scenario(text: &str) -> Scenario {
 }
 
 #[test]
-fn the_same_run_has_the_same_hash_over_any_link() {
+fn a_run_has_the_same_hash_over_any_link() {
     let short = scenario("duration_s = 5.0\n[start]\nvx_m_s = 0.3");
     let inline = || run(&short, &mut Inline::new(law), Options::default(), |_| ()).unwrap();
     let one = inline();
@@ -48,9 +48,9 @@ fn the_same_run_has_the_same_hash_over_any_link() {
 
 #[test]
 fn the_observer_sees_every_tick_and_every_event() {
-    let told = scenario("duration_s = 3.0\ndensity_ratio = 0.25\ndensity = \"told\"");
-    let (mut ticks, mut touchdowns, mut last) = (0, 0, told.start);
-    let outcome = run(&told, &mut Inline::new(law), Options::default(), |tick| {
+    let measured = scenario("duration_s = 3.0\ndensity_ratio = 0.25\ndensity = \"measured\"");
+    let (mut ticks, mut touchdowns, mut last) = (0, 0, measured.start);
+    let outcome = run(&measured, &mut Inline::new(law), Options::default(), |tick| {
         assert_eq!(tick.seq, ticks);
         assert_eq!(tick.body, last, "each tick begins where the last one ended");
         assert_eq!(tick.sample.y_m, tick.body.y_m as f32);
@@ -67,7 +67,7 @@ fn the_observer_sees_every_tick_and_every_event() {
 }
 
 #[test]
-fn a_run_ends_at_its_distance_or_where_the_leg_falls() {
+fn ends_at_the_distance_or_where_the_leg_falls() {
     let far = scenario("duration_s = 60.0\ndistance_m = 0.5\n[start]\nvx_m_s = -1.0");
     let outcome = run(&far, &mut Inline::new(law), Options::default(), |_| ()).unwrap();
     assert_eq!(outcome.ending, Ending::Distance);
@@ -80,9 +80,8 @@ fn a_run_ends_at_its_distance_or_where_the_leg_falls() {
     assert_eq!(outcome.report().falls, 1);
 }
 
-/// A controller that answers only the wrong questions.
 #[test]
-fn an_answer_to_another_tick_or_epoch_is_never_taken() {
+fn rejects_an_answer_to_another_tick_run_or_version() {
     let short = scenario("duration_s = 1.0");
     let options = Options { timeout: Duration::from_millis(5), ..Options::default() };
     for wrong in [

@@ -1,4 +1,4 @@
-//! What the leg does at a tick of the clock.
+//! The leg's part of the loop: one call per tick of the clock.
 
 use std::time::Duration;
 
@@ -6,18 +6,18 @@ use leg_control::wire::{Command, Header};
 use leg_host::realtime::{Clock, RxStatus, Task, Tick, TickResult};
 use leg_host::{LegLink, LinkError};
 
-use super::{HOLD, OnFall, Options};
+use super::{OnFall, Options, START_HOLD};
 use crate::scenario::Scenario;
 use crate::session::hooks::Hooks;
 use crate::session::leg::{Leg, TickRecord};
 use crate::session::outcome::Ending;
 
-/// A leg that is held says again, after so many ticks, what it senses: a
-/// sample may be lost.
-const SAY_AGAIN_TICKS: u64 = 10;
-/// Samples of which the time of sending is remembered; older ones are answered
-/// by no command that counts.
-const REMEMBERED: usize = 32;
+/// Ticks after which a leg that is held at its start sends its sample again,
+/// because the last one may be lost.
+const RESEND_TICKS: u64 = 10;
+/// Samples whose send times are kept. A command that answers an older sample is
+/// rejected.
+const SEND_TIMES: usize = 32;
 
 /// The leg's part of the loop.
 #[derive(Debug)]
@@ -27,17 +27,17 @@ pub struct LegTask<'a, 'l, L, H> {
     on_fall: OnFall,
     run_id: u32,
     hooks: &'l mut H,
-    sent: Sent,
-    hold: Hold,
+    sent: SendTimes,
+    hold: StartHold,
     /// The last command received.
     last: Option<Header>,
-    /// The last command that counted.
+    /// The last valid command.
     in_force: Option<Header>,
     ending: Option<Ending>,
 }
 
 impl<'a, 'l, L: LegLink, H: Hooks> LegTask<'a, 'l, L, H> {
-    /// A leg at its start, that has not said anything yet.
+    /// Creates a leg at its start that has not sent a sample yet.
     pub fn new(
         scenario: &'a Scenario,
         link: &'l mut L,
@@ -51,29 +51,29 @@ impl<'a, 'l, L: LegLink, H: Hooks> LegTask<'a, 'l, L, H> {
             on_fall,
             run_id,
             hooks,
-            sent: Sent::default(),
-            hold: Hold::new(scenario.rate_hz),
+            sent: SendTimes::default(),
+            hold: StartHold::new(scenario.rate_hz),
             last: None,
             in_force: None,
             ending: None,
         }
     }
 
-    /// Why the run is over, once it is.
+    /// Returns why the run is over, or `None` while it is not.
     #[must_use]
     pub fn ending(&self) -> Option<Ending> {
         self.ending
     }
 
-    /// The leg, and why its run is over, if it is.
+    /// Returns the leg, and why the run is over, if it is.
     #[must_use]
     pub fn finish(self) -> (Leg<'a>, Option<Ending>) {
         (self.leg, self.ending)
     }
 
-    /// The newest command, if it has not been seen before. (A controller that
-    /// hears nothing new says the same again.)
-    fn newest(&mut self) -> Result<Option<Command>, LinkError> {
+    /// Receives the newest command, unless it is the one received last: without a
+    /// new sample the controller sends its last command again.
+    fn receive_new(&mut self) -> Result<Option<Command>, LinkError> {
         let last = self.last;
         let is_new = |command: &Command| {
             let Header { run_id, seq, .. } = command.header;
@@ -84,12 +84,12 @@ impl<'a, 'l, L: LegLink, H: Hooks> LegTask<'a, 'l, L, H> {
         Ok(command)
     }
 
-    fn say(&mut self, clock: &impl Clock) -> Result<(), LinkError> {
-        self.sent.note(&self.leg.sample().header, clock.now_ns());
+    fn send_sample(&mut self, clock: &impl Clock) -> Result<(), LinkError> {
+        self.sent.record(&self.leg.sample().header, clock.now_ns());
         self.link.send(self.leg.sample())
     }
 
-    /// Plays the time of so many ticks.
+    /// Plays `ticks` ticks of the plant.
     fn play(&mut self, ticks: u64, mut command: Option<Command>, now_ns: u64) -> TickResult {
         let round_trip_ns = command.and_then(|command| self.sent.age_ns(&command.header, now_ns));
         let round_trip = Duration::from_nanos(round_trip_ns.unwrap_or(0));
@@ -126,39 +126,41 @@ impl<L: LegLink, H: Hooks> Task for LegTask<'_, '_, L, H> {
     fn tick(&mut self, at: &Tick, clock: &impl Clock) -> Result<TickResult, LinkError> {
         if self.hooks.ends() {
             self.ending = Some(Ending::Stopped);
-            self.link.send(&self.leg.farewell())?;
+            self.link.send(&self.leg.end_sample())?;
             return Ok(TickResult { run_id: self.run_id, over: true, ..TickResult::default() });
         }
         self.hooks.steer(&mut self.leg);
-        let command = self.newest()?;
-        let was_held = self.hold.is_held();
+        let command = self.receive_new()?;
+        let was_held = self.hold.is_active();
         let is_answered = command.is_some_and(|command| self.leg.is_answered_by(&command));
         match self.hold.tick(1 + at.missed, is_answered) {
-            Held::Free => (),
-            Held::Quiet => return Ok(TickResult { run_id: self.run_id, ..TickResult::default() }),
-            Held::Speaks => {
-                self.say(clock)?;
+            HoldState::Released => (),
+            HoldState::Wait => {
+                return Ok(TickResult { run_id: self.run_id, ..TickResult::default() });
+            }
+            HoldState::Send => {
+                self.send_sample(clock)?;
                 return Ok(TickResult { run_id: self.run_id, ..TickResult::default() });
             }
         }
-        // Time does not wait: what was slept through is played too, under what is known now.
+        // Time does not wait: missed ticks are played too, under the command in force now.
         let mut done = self.play(1 + at.missed, command, clock.now_ns());
         if was_held {
-            // How long a controller takes to begin is not how long it takes to answer.
+            // This time is the controller's start-up and not a round trip.
             (done.sample_age_ns, done.round_trip_ns) = (None, None);
         }
         match self.leg.ending() {
-            None => self.say(clock)?,
+            None => self.send_sample(clock)?,
             Some(Ending::Fall) if self.on_fall == OnFall::Restart => {
                 self.run_id = self.run_id.wrapping_add(1);
                 self.leg.restart(self.run_id);
-                self.hold.begin();
+                self.hold.restart();
                 self.in_force = None;
-                self.say(clock)?;
+                self.send_sample(clock)?;
             }
             ending => {
                 self.ending = ending;
-                self.link.send(&self.leg.farewell())?;
+                self.link.send(&self.leg.end_sample())?;
                 return Ok(TickResult { over: true, ..done });
             }
         }
@@ -166,70 +168,70 @@ impl<L: LegLink, H: Hooks> Task for LegTask<'_, '_, L, H> {
     }
 }
 
-/// Keeps a leg at its start until it is commanded, or the time is over.
+/// Holds the leg at its start until a command arrives, for a limited time.
 #[derive(Debug)]
-struct Hold {
+struct StartHold {
     limit_ticks: u64,
-    /// Ticks so far; `None` once it is let go.
+    /// Ticks held so far; `None` once the leg is released.
     ticks: Option<u64>,
 }
 
-/// What a leg does in a tick.
+/// What to do in a tick.
 #[derive(Debug, PartialEq, Eq)]
-enum Held {
-    /// It moves.
-    Free,
-    /// It is held.
-    Quiet,
-    /// It is held, and says what it senses.
-    Speaks,
+enum HoldState {
+    /// Play the tick.
+    Released,
+    /// Do nothing.
+    Wait,
+    /// Send the sample again.
+    Send,
 }
 
-impl Hold {
+impl StartHold {
     fn new(rate_hz: u32) -> Self {
-        Self { limit_ticks: HOLD.as_secs() * u64::from(rate_hz), ticks: Some(0) }
+        Self { limit_ticks: START_HOLD.as_secs() * u64::from(rate_hz), ticks: Some(0) }
     }
 
-    /// Another run, of which the first sample is said.
-    fn begin(&mut self) {
+    /// Holds the leg again, for another run whose first sample is sent already.
+    fn restart(&mut self) {
         self.ticks = Some(1);
     }
 
-    fn is_held(&self) -> bool {
+    fn is_active(&self) -> bool {
         self.ticks.is_some()
     }
 
-    fn tick(&mut self, passed: u64, is_answered: bool) -> Held {
+    fn tick(&mut self, passed: u64, is_answered: bool) -> HoldState {
         let Some(ticks) = self.ticks.as_mut().filter(|ticks| **ticks < self.limit_ticks) else {
             self.ticks = None;
-            return Held::Free;
+            return HoldState::Released;
         };
         if is_answered {
             self.ticks = None;
-            return Held::Free;
+            return HoldState::Released;
         }
         let before = *ticks;
         *ticks += passed;
-        if before.div_ceil(SAY_AGAIN_TICKS) < ticks.div_ceil(SAY_AGAIN_TICKS) {
-            Held::Speaks
+        if before.div_ceil(RESEND_TICKS) < ticks.div_ceil(RESEND_TICKS) {
+            HoldState::Send
         } else {
-            Held::Quiet
+            HoldState::Wait
         }
     }
 }
 
-/// When the latest samples were sent.
+/// Send times of the latest samples: run id, number, time in ns.
 #[derive(Debug, Default)]
-struct Sent([Option<(u32, u64, u64)>; REMEMBERED]);
+struct SendTimes([Option<(u32, u64, u64)>; SEND_TIMES]);
 
-impl Sent {
-    fn note(&mut self, header: &Header, now_ns: u64) {
-        self.0[header.seq as usize % REMEMBERED] = Some((header.run_id, header.seq, now_ns));
+impl SendTimes {
+    fn record(&mut self, header: &Header, now_ns: u64) {
+        self.0[header.seq as usize % SEND_TIMES] = Some((header.run_id, header.seq, now_ns));
     }
 
-    /// Time since the sample with this run id and number was sent, ns.
+    /// Returns the time since the sample with this header was sent, ns.
     fn age_ns(&self, header: &Header, now_ns: u64) -> Option<u64> {
-        let (run_id, seq, sent_ns) = self.0[header.seq as usize % REMEMBERED]?;
+        let (run_id, seq, sent_ns) = self.0[header.seq as usize % SEND_TIMES]?;
         ((run_id, seq) == (header.run_id, header.seq)).then(|| now_ns.saturating_sub(sent_ns))
     }
 }

@@ -1,4 +1,4 @@
-//! The leg by a clock that does what it is told.
+//! The leg's task under a simulated clock.
 
 use std::cell::Cell;
 
@@ -12,24 +12,24 @@ use crate::scenario::Settings;
 use crate::session::TickRecord;
 use crate::session::lock_step;
 
-/// A clock that wakes on time, but for one wait that ends too late.
-struct Told {
+/// A clock that wakes on time, except for one wait that ends late.
+struct SimulatedClock {
     now_ns: Cell<u64>,
     late: Cell<Option<(u64, u64)>>,
 }
 
-impl Told {
+impl SimulatedClock {
     fn punctual() -> Self {
         Self { now_ns: Cell::new(250_000), late: Cell::new(None) }
     }
 
-    /// Once, after `at_ns`, it wakes late by `by_ns`.
+    /// Wakes late by `by_ns` once, at the first wait that ends after `at_ns`.
     fn late(at_ns: u64, by_ns: u64) -> Self {
         Self { late: Cell::new(Some((at_ns, by_ns))), ..Self::punctual() }
     }
 }
 
-impl Clock for Told {
+impl Clock for SimulatedClock {
     fn now_ns(&self) -> u64 {
         self.now_ns.get()
     }
@@ -66,7 +66,7 @@ fn scenario(text: &str) -> Scenario {
 /// Plays to the end of the run.
 fn play(
     scenario: &Scenario,
-    clock: &Told,
+    clock: &SimulatedClock,
     on_fall: OnFall,
     law: impl FnMut(&Sample) -> Command,
     hooks: &mut impl Hooks,
@@ -81,17 +81,17 @@ fn play(
 }
 
 #[test]
-fn with_every_command_in_time_it_is_the_run_in_lock_step() {
+fn equals_the_lock_step_run_if_every_command_is_in_time() {
     let short = scenario("duration_s = 5.0\n[start]\nvx_m_s = 0.3");
     let lock_step =
         lock_step::run(&short, &mut Inline::new(law), lock_step::Options::default(), |_| ());
-    let (outcome, c) = play(&short, &Told::punctual(), OnFall::End, law, &mut ());
+    let (outcome, c) = play(&short, &SimulatedClock::punctual(), OnFall::End, law, &mut ());
     assert_eq!(outcome.state_hash, lock_step.unwrap().state_hash);
     assert_eq!((outcome.ticks, outcome.ending), (5000, Ending::Duration));
     assert_eq!((c.received, c.stale, c.missed, c.idle), (5000, 0, 0, 1));
 }
 
-/// Remembers what goes out.
+/// Keeps the numbers of the samples sent.
 struct Counting<L> {
     inner: L,
     sent: Vec<u64>,
@@ -112,7 +112,7 @@ impl<L: Link<Sends = Sample, Receives = Command>> Link for Counting<L> {
 }
 
 #[test]
-fn what_is_slept_through_is_played_at_once_under_the_command_in_force() {
+fn plays_missed_ticks_at_once_under_the_command_in_force() {
     #[derive(Default)]
     struct Seen(Vec<(u64, u64, bool)>);
     impl Hooks for Seen {
@@ -121,7 +121,7 @@ fn what_is_slept_through_is_played_at_once_under_the_command_in_force() {
         }
     }
     let short = scenario("duration_s = 0.02");
-    let clock = Told::late(8_000_000, 3_400_000);
+    let clock = SimulatedClock::late(8_000_000, 3_400_000);
     let mut link = Counting { inner: Inline::new(law), sent: Vec::new() };
     let mut seen = Seen::default();
     let mut task = LegTask::new(&short, &mut link, Options::default(), &mut seen);
@@ -142,9 +142,9 @@ fn what_is_slept_through_is_played_at_once_under_the_command_in_force() {
 
 #[test]
 fn a_silent_controller_leaves_the_leg_safe_after_ten_ticks() {
-    /// Stops listening to its controller's answers for a while.
-    struct Deaf<L>(L, std::ops::Range<u64>, u64);
-    impl<L: Link<Sends = Sample, Receives = Command>> Link for Deaf<L> {
+    /// Drops the commands that answer a range of samples.
+    struct DropsCommands<L>(L, std::ops::Range<u64>, u64);
+    impl<L: Link<Sends = Sample, Receives = Command>> Link for DropsCommands<L> {
         type Sends = Sample;
         type Receives = Command;
 
@@ -159,12 +159,12 @@ fn a_silent_controller_leaves_the_leg_safe_after_ten_ticks() {
         }
     }
     let short = scenario("duration_s = 0.2");
-    let mut link = Deaf(Inline::new(law), 50..100, 0);
+    let mut link = DropsCommands(Inline::new(law), 50..100, 0);
     let mut hooks = ();
     let mut task = LegTask::new(&short, &mut link, Options::default(), &mut hooks);
     let (mut log, _rows) = StatsWriter::new(1000);
     let grid = TickSchedule::of(Role::Leg, 1000);
-    run_ticks(&Told::punctual(), grid, &mut task, &mut log, &Stop::default()).unwrap();
+    run_ticks(&SimulatedClock::punctual(), grid, &mut task, &mut log, &Stop::default()).unwrap();
     let (leg, ending) = task.finish();
     let outcome = leg.outcome(ending.unwrap(), 1.0, RoundTrips::default());
     assert_eq!((log.counters().stale, log.counters().safe), (50, 41));
@@ -172,7 +172,7 @@ fn a_silent_controller_leaves_the_leg_safe_after_ten_ticks() {
 }
 
 #[test]
-fn a_leg_that_falls_is_put_back_to_its_start_when_asked_to() {
+fn restarts_a_fallen_leg_if_configured() {
     let mut run_ids = Vec::new();
     let lying = |sample: &Sample| {
         if sample.header.flags & flags::END == 0 && run_ids.last() != Some(&sample.header.run_id) {
@@ -181,7 +181,7 @@ fn a_leg_that_falls_is_put_back_to_its_start_when_asked_to() {
         Command { leg_angle_rad: 0.0, ..law(sample) }
     };
     let long = scenario("duration_s = 5.0");
-    let (outcome, c) = play(&long, &Told::punctual(), OnFall::Restart, lying, &mut ());
+    let (outcome, c) = play(&long, &SimulatedClock::punctual(), OnFall::Restart, lying, &mut ());
     assert_eq!((outcome.ending, outcome.ticks), (Ending::Duration, 5000));
     assert!(outcome.restarts >= 3, "{}", outcome.restarts);
     assert_eq!(outcome.report().falls, outcome.restarts);
@@ -189,12 +189,12 @@ fn a_leg_that_falls_is_put_back_to_its_start_when_asked_to() {
     assert_eq!(c.received + c.stale + c.idle, c.ticks);
 
     let lying = |sample: &Sample| Command { leg_angle_rad: 0.0, ..law(sample) };
-    let (outcome, _) = play(&long, &Told::punctual(), OnFall::End, lying, &mut ());
+    let (outcome, _) = play(&long, &SimulatedClock::punctual(), OnFall::End, lying, &mut ());
     assert_eq!((outcome.ending, outcome.report().falls), (Ending::Fall, 1));
 }
 
 #[test]
-fn a_leg_is_held_until_it_is_commanded_but_not_for_ever() {
+fn holds_the_leg_at_its_start_for_a_limited_time() {
     // A controller that answers only another run's samples.
     let foreign = |sample: &Sample| {
         let mut command = law(sample);
@@ -202,7 +202,7 @@ fn a_leg_is_held_until_it_is_commanded_but_not_for_ever() {
         command
     };
     let short = scenario("duration_s = 0.5");
-    let (outcome, c) = play(&short, &Told::punctual(), OnFall::End, foreign, &mut ());
+    let (outcome, c) = play(&short, &SimulatedClock::punctual(), OnFall::End, foreign, &mut ());
     assert_eq!((outcome.ticks, c.idle, c.stale), (500, 1000, 500));
     assert_eq!((outcome.safe_ticks, c.safe), (500, 500));
 }

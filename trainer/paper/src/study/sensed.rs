@@ -26,7 +26,7 @@ const JUDGED: usize = 15;
 /// An estimate that costs no more than this in speed does as well, m/s.
 const AS_WELL_M_S: f64 = 0.02;
 const SENSES: [(DensitySense, &str); 2] =
-    [(DensitySense::Told, "told"), (DensitySense::Estimated, "estimated")];
+    [(DensitySense::Measured, "told"), (DensitySense::Estimated, "estimated")];
 
 /// What comes of a density, told or estimated, over some starts.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -63,7 +63,7 @@ fn over_starts(sense: DensitySense, rho: f64, starts: u64) -> Sensed {
         standing.iter().map(pick).sum::<f64>() / standing.len() as f64
     };
     Sensed {
-        told: sense == DensitySense::Told,
+        told: sense == DensitySense::Measured,
         rho,
         runs: runs.len(),
         falls: runs.len() - standing.len(),
