@@ -1,5 +1,5 @@
-//! The paper's figures in short: every one made, and shown by a browser as it
-//! is to be.
+//! The paper's figures, computed quickly: every figure is rendered, and a browser shows the
+//! report as intended.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -8,23 +8,24 @@ use std::time::SystemTime;
 
 use harness::browser;
 
-/// Makes some figures: their files but for the report, which has a time.
-fn make(only: &str, threads: &str, folder: &Path) -> BTreeMap<String, String> {
-    let made = harness::program("paper-figures")
+/// Renders some figures and returns their files, except the report, which states a time.
+fn render(only: &str, threads: &str, folder: &Path) -> BTreeMap<String, String> {
+    let output = harness::program("paper-figures")
         .args(["--quick", "--only", only, "--out"])
         .arg(folder)
         .env("RAYON_NUM_THREADS", threads)
         .output()
         .expect("the program runs");
-    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let files = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
-    let drawn = files.filter(|path| path.extension().is_some_and(|e| e == "svg" || e == "csv"));
+    let rendered = files.filter(|path| path.extension().is_some_and(|e| e == "svg" || e == "csv"));
     let name = |path: &Path| path.file_name().unwrap().to_string_lossy().into_owned();
-    drawn.map(|path| (name(&path), fs::read_to_string(path).unwrap())).collect()
+    rendered.map(|path| (name(&path), fs::read_to_string(path).unwrap())).collect()
 }
 
-fn parts(folder: &Path) -> BTreeMap<String, SystemTime> {
-    let entries = fs::read_dir(folder.join("parts")).unwrap().map(Result::unwrap);
+/// Returns the files of the cache, with the times when they were written.
+fn cache(folder: &Path) -> BTreeMap<String, SystemTime> {
+    let entries = fs::read_dir(folder.join("cache")).unwrap().map(Result::unwrap);
     let named = |entry: fs::DirEntry| {
         (entry.file_name().to_string_lossy().into_owned(), entry.metadata().unwrap().modified())
     };
@@ -32,25 +33,25 @@ fn parts(folder: &Path) -> BTreeMap<String, SystemTime> {
 }
 
 #[test]
-fn any_number_of_threads_makes_the_same_figures_and_what_is_done_is_not_done_again() {
+fn figures_do_not_depend_on_the_number_of_threads_and_cached_steps_are_used_again() {
     let (one, three) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
-    let drawn = make("5,6", "1", one.path());
+    let rendered = render("5,6", "1", one.path());
     assert_eq!(
-        drawn.keys().collect::<Vec<_>>(),
+        rendered.keys().collect::<Vec<_>>(),
         ["fig05.csv", "fig05.svg", "fig06.csv", "fig06.svg"]
     );
-    assert!(drawn == make("5,6", "3", three.path()), "the number of threads matters");
+    assert!(rendered == render("5,6", "3", three.path()), "the number of threads matters");
 
-    // Cut short: some parts are not there yet.
-    let done = parts(one.path());
+    // As after an interrupted run: some steps are missing.
+    let done = cache(one.path());
     let missing: Vec<&String> =
         done.keys().filter(|name| name.starts_with("landscape-1")).collect();
     assert!(missing.len() > 1 && missing.len() < done.len(), "{missing:?}");
     for name in &missing {
-        fs::remove_file(one.path().join("parts").join(name)).unwrap();
+        fs::remove_file(one.path().join("cache").join(name)).unwrap();
     }
-    assert!(drawn == make("5,6", "2", one.path()), "a run that was cut comes to another end");
-    let now = parts(one.path());
+    assert!(rendered == render("5,6", "2", one.path()), "a resumed run differs");
+    let now = cache(one.path());
     assert!(now.keys().eq(done.keys()));
     for (name, at) in &done {
         assert_eq!(now[name] == *at, !missing.contains(&name), "{name}");
@@ -58,15 +59,15 @@ fn any_number_of_threads_makes_the_same_figures_and_what_is_done_is_not_done_aga
 }
 
 #[test]
-fn the_report_shows_every_figure_without_a_word_on_the_console() {
+fn the_report_shows_every_figure_and_the_browser_logs_nothing() {
     let Some(browser) = requirements::chromium() else { return };
     let folder = tempfile::tempdir().unwrap();
-    let made = harness::program("paper-figures")
+    let output = harness::program("paper-figures")
         .args(["--quick", "--out"])
         .arg(folder.path())
         .output()
         .expect("the program runs");
-    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 
     let ids: Vec<String> = (3..=13).map(|number| format!("fig{number:02}")).collect();
     for id in ids.iter().map(String::as_str).chain(["beyond"]) {
@@ -80,8 +81,8 @@ fn the_report_shows_every_figure_without_a_word_on_the_console() {
     }
 
     let page = folder.path().join("report.html");
-    let said = browser::console(browser, &page).unwrap();
-    assert!(said.is_empty(), "{said:#?}");
+    let messages = browser::console(browser, &page).unwrap();
+    assert!(messages.is_empty(), "{messages:#?}");
     let shown = browser::figures(browser, &page).unwrap();
     assert_eq!(shown.len(), ids.len() + 1);
     for (figure, id) in shown.iter().zip(ids.iter().map(String::as_str).chain(["beyond"])) {
@@ -89,23 +90,23 @@ fn the_report_shows_every_figure_without_a_word_on_the_console() {
         assert!(figure.width_px > 600.0 && figure.height_px > 150.0, "{id}: {figure:?}");
         assert!(figure.cut.is_empty(), "{id}: {:?}", figure.cut);
     }
-    // Everything is in the page: nothing is fetched, from the net or from a file.
+    // The page needs no other file, neither from the network nor from the disk.
     let html = fs::read_to_string(page).unwrap();
-    for fetched in ["<script", "<link rel=\"stylesheet\"", "src=", "@import", "url("] {
-        assert!(!html.contains(fetched), "the page has a {fetched}");
+    for reference in ["<script", "<link rel=\"stylesheet\"", "src=", "@import", "url("] {
+        assert!(!html.contains(reference), "the page has a {reference}");
     }
 }
 
 #[test]
-fn figures_that_are_not_there_are_refused() {
+fn rejects_a_figure_that_does_not_exist_and_writes_nothing() {
     let folder = tempfile::tempdir().unwrap();
-    let refused = harness::program("paper-figures")
+    let output = harness::program("paper-figures")
         .args(["--only", "3,2", "--out"])
         .arg(folder.path().join("out"))
         .output()
         .expect("the program runs");
-    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
-    assert_eq!(refused.status.code(), Some(2), "{said}");
-    assert!(said.contains("--only 2") && said.contains("3, 4, 5"), "{said}");
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{message}");
+    assert!(message.contains("--only 2") && message.contains("3, 4, 5"), "{message}");
     assert!(!folder.path().join("out").exists(), "nothing is written");
 }

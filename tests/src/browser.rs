@@ -1,4 +1,4 @@
-//! A page as a reader's browser shows it: headless Chromium.
+//! Shows a page in headless Chromium and measures its layout.
 
 use std::fs;
 use std::path::Path;
@@ -7,11 +7,11 @@ use std::process::{Command, Output};
 use anyhow::{Context, Result, ensure};
 use serde::Deserialize;
 
-/// Where the page's findings stand, once it has told them.
-const FOUND: [&str; 2] = ["<pre id=\"shown\">", "</pre>"];
+/// The element of the page that holds the measurements.
+const MEASURED: [&str; 2] = ["<pre id=\"shown\">", "</pre>"];
 
-/// Runs in the page when all of it is there.
-const ASK: &str = r#"<script>addEventListener("load", () => {
+/// Measures the figures once the page is loaded.
+const SCRIPT: &str = r#"<script>addEventListener("load", () => {
   const shown = [...document.querySelectorAll("figure svg")].map(svg => {
     const box = svg.getBoundingClientRect();
     const inside = other => other.left >= box.left - 1 && other.right <= box.right + 1
@@ -31,53 +31,53 @@ const ASK: &str = r#"<script>addEventListener("load", () => {
   document.body.append(pre);
 })</script>"#;
 
-/// A figure as it is laid out.
+/// A figure as the browser lays it out.
 #[derive(Debug, Deserialize)]
 pub struct Shown {
-    /// Its size on a page of 1280 by 1024 CSS pixels.
+    /// Width on a page of 1280 by 1024 CSS pixels.
     pub width_px: f64,
-    /// The same.
+    /// Height on that page.
     pub height_px: f64,
-    /// Lines, areas, cells and dots that take up room.
+    /// Number of lines, areas, cells and dots with a size above 0.
     pub marks: usize,
-    /// Words that reach beyond the figure's edge.
+    /// Texts that reach beyond the figure's edge.
     pub cut: Vec<String>,
-    /// Not hidden by any style.
+    /// True if no style hides it.
     pub visible: bool,
 }
 
-/// Opens a page as it is: what its console says, a message a line.
+/// Opens a page and returns the messages of its console.
 ///
 /// # Errors
-/// When the browser does not run.
+/// Fails if the browser does not run.
 pub fn console(browser: &str, page: &Path) -> Result<Vec<String>> {
-    let said = open(browser, page)?.stderr;
-    let lines = String::from_utf8_lossy(&said).into_owned();
+    let log = open(browser, page)?.stderr;
+    let lines = String::from_utf8_lossy(&log).into_owned();
     Ok(lines.lines().filter(|line| line.contains("CONSOLE")).map(str::to_owned).collect())
 }
 
-/// Opens a page, and asks it how its figures are laid out.
+/// Opens a page and measures how its figures are laid out.
 ///
 /// # Errors
-/// When the browser does not run, or the page does not answer.
+/// Fails if the browser does not run, or if the page yields no measurements.
 pub fn figures(browser: &str, page: &Path) -> Result<Vec<Shown>> {
     let html = fs::read_to_string(page).with_context(|| page.display().to_string())?;
     ensure!(html.contains("</body>"), "{} is cut", page.display());
-    let asking = page.with_extension("asking.html");
-    fs::write(&asking, html.replace("</body>", &format!("{ASK}</body>")))?;
-    let answer = open(browser, &asking);
-    fs::remove_file(&asking)?;
-    let answer = String::from_utf8(answer?.stdout)?;
-    let told = answer.split_once(FOUND[0]).and_then(|(_, rest)| rest.split_once(FOUND[1]));
-    let (told, _) = told.context("the page did not say how it is laid out")?;
-    Ok(serde_json::from_str(told)?)
+    let probe = page.with_extension("probe.html");
+    fs::write(&probe, html.replace("</body>", &format!("{SCRIPT}</body>")))?;
+    let output = open(browser, &probe);
+    fs::remove_file(&probe)?;
+    let dom = String::from_utf8(output?.stdout)?;
+    let measured = dom.split_once(MEASURED[0]).and_then(|(_, rest)| rest.split_once(MEASURED[1]));
+    let (measured, _) = measured.context("the page holds no measurements")?;
+    Ok(serde_json::from_str(measured)?)
 }
 
 fn open(browser: &str, page: &Path) -> Result<Output> {
     let profile = tempfile::tempdir()?;
     let output = Command::new(browser)
         .args(["--headless=new", "--disable-gpu", "--disable-extensions", "--no-first-run"])
-        // As root, as in a container, its sandbox does not start; the page is our own.
+        // The sandbox does not start as root, as in a container; the page is our own.
         .args(["--no-sandbox", "--disable-dev-shm-usage"])
         .args(["--enable-logging=stderr", "--window-size=1280,1024", "--dump-dom"])
         .arg(format!("--user-data-dir={}", profile.path().display()))

@@ -6,8 +6,8 @@ use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::{Extent, FiguresError, Workshop};
-use crate::study::flown::fly;
+use super::{Extent, FigureContext, FiguresError};
+use crate::analysis::apex_run::run_policy;
 use trainer::evaluate::hopper;
 use trainer::evaluate::survival::draw_starts;
 use trainer::net::mlp::Layer;
@@ -16,24 +16,24 @@ use trainer::preset::Preset;
 use trainer::simd::Isa;
 use trainer::train::Training;
 
-/// Starts by which transferred agents are ranked, and hops that each must take.
+/// Number of starts by which transferred agents are ranked, and of hops from each.
 const STARTS: usize = 500;
 const HOPS: usize = 60;
-/// Seconds that an episode takes, roughly.
+/// Approximate time that an episode takes, s.
 const EPISODE_S: f64 = 1.2e-4;
 
 /// An agent of the paper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Paper {
-    /// Trained in air alone.
+pub enum PaperAgent {
+    /// Trained in air only.
     Air,
-    /// Trained in water, then in air: both stages, and the agent after each.
+    /// Trained in water, then in air: two stages, with an agent after each.
     WaterToAir,
-    /// Trained in water and air in turn.
+    /// Trained in water and air alternately.
     Universal,
 }
 
-impl Paper {
+impl PaperAgent {
     fn preset(self) -> Preset {
         match self {
             Self::Air => Preset::Air,
@@ -42,13 +42,13 @@ impl Paper {
         }
     }
 
-    /// All of its training, as an input of a part.
+    /// Returns its whole training configuration, as an input of a cached step.
     #[must_use]
     pub fn config_toml(self) -> String {
         self.preset().config().to_toml()
     }
 
-    /// Its name in file names and messages.
+    /// Returns its name in file names and messages.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -64,35 +64,35 @@ impl Paper {
 pub struct Episode {
     /// Sum of its rewards.
     pub reward: f64,
-    /// Its steps.
+    /// Number of its steps, at most 5.
     pub steps: u32,
 }
 
-/// A stage of a training, and the agent that it left.
+/// A stage of a training, and the agent at its end.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Stage {
-    /// Its episodes, in their order.
+    /// Its episodes, in order.
     pub episodes: Vec<Episode>,
-    /// The actor's layers: inputs, weights row by output, biases.
+    /// The actor's layers: number of inputs, weights with a row for each output, biases.
     layers: Vec<(usize, Vec<f32>, Vec<f32>)>,
 }
 
-/// A whole training.
+/// An agent with its whole training.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Learnt {
-    /// Which agent.
-    pub agent: Paper,
-    /// Its seed.
+pub struct TrainedAgent {
+    /// The agent of the paper.
+    pub agent: PaperAgent,
+    /// The seed of the training.
     pub seed: u64,
-    /// Its stages.
+    /// The stages of the training, in order.
     pub stages: Vec<Stage>,
 }
 
-impl Learnt {
-    /// The actor after a stage, from 0.
+impl TrainedAgent {
+    /// Returns the actor at the end of a stage, counted from 0.
     ///
     /// # Panics
-    /// When there is no such stage.
+    /// Panics if there is no such stage.
     #[must_use]
     pub fn actor_after(&self, stage: usize) -> PackedActor {
         let layers = self.stages[stage].layers.iter().map(|(inputs, weights, bias)| Layer {
@@ -105,36 +105,36 @@ impl Learnt {
         PackedActor::trained(&self.agent.preset().config(), &layers)
     }
 
-    /// The actor at the end.
+    /// Returns the actor at the end of the training.
     #[must_use]
     pub fn actor(&self) -> PackedActor {
         self.actor_after(self.stages.len() - 1)
     }
 }
 
-/// Seeds that the learning curves are drawn from.
+/// Returns the seeds that the learning curves are drawn from.
 #[must_use]
 pub(crate) fn seeds(extent: Extent) -> std::ops::Range<u64> {
     0..extent.of(100, 4)
 }
 
-/// Seconds that training an agent over all [`seeds`] takes on two cores.
+/// Returns the approximate time to train an agent with all [`seeds`] on two cores, s.
 #[must_use]
-pub(crate) fn cost_s(agent: Paper, extent: Extent) -> f64 {
+pub(crate) fn cost_s(agent: PaperAgent, extent: Extent) -> f64 {
     seeds(extent).count() as f64 * one_cost_s(agent) / 2.0
 }
 
-fn one_cost_s(agent: Paper) -> f64 {
+fn one_cost_s(agent: PaperAgent) -> f64 {
     let episodes: u64 = agent.preset().config().stages.iter().map(|s| s.length.count()).sum();
     episodes as f64 * EPISODE_S
 }
 
-impl Workshop {
-    /// An agent over all seeds, in their order.
+impl FigureContext {
+    /// Trains an agent with every seed, and returns them by ascending seed.
     ///
     /// # Errors
-    /// [`FiguresError`].
-    pub fn trainings(&self, agent: Paper) -> Result<Vec<Learnt>, FiguresError> {
+    /// [`FiguresError::Training`] or [`FiguresError::Write`].
+    pub fn trainings(&self, agent: PaperAgent) -> Result<Vec<TrainedAgent>, FiguresError> {
         seeds(self.extent)
             .collect::<Vec<_>>()
             .into_par_iter()
@@ -143,72 +143,79 @@ impl Workshop {
             .collect()
     }
 
-    /// An agent of one seed.
+    /// Trains an agent with one seed.
     ///
     /// # Errors
-    /// [`FiguresError`].
-    pub fn training(&self, agent: Paper, seed: u64) -> Result<Learnt, FiguresError> {
+    /// [`FiguresError::Training`] or [`FiguresError::Write`].
+    pub fn training(&self, agent: PaperAgent, seed: u64) -> Result<TrainedAgent, FiguresError> {
         let config = agent.config_toml();
         let name = format!("{}-{seed}", agent.name());
-        self.part(&name, &config, one_cost_s(agent) / 2.0, || train(agent, seed))
+        self.cached(&name, &config, one_cost_s(agent) / 2.0, || train(agent, seed))
     }
 
-    /// The transferred agents of all seeds, and which of them is drawn.
+    /// Trains the transferred agent with every seed, and chooses the one to draw.
     ///
     /// # Errors
-    /// [`FiguresError`].
+    /// [`FiguresError::Training`] or [`FiguresError::Write`].
     pub fn transferred(&self) -> Result<Transferred, FiguresError> {
-        let all = self.trainings(Paper::WaterToAir)?;
-        let inputs = (Paper::WaterToAir.config_toml(), all.len(), STARTS);
-        let hops_on: Vec<[f64; 2]> = self.part("hops-on-by-seed", &inputs, 0.0, || {
-            // Other starts than those that the figures count.
+        let all = self.trainings(PaperAgent::WaterToAir)?;
+        let inputs = (PaperAgent::WaterToAir.config_toml(), all.len(), STARTS);
+        let shares: Vec<[f64; 2]> = self.cached("survival-by-seed", &inputs, 0.0, || {
+            // Not the starts that the figures use.
             let starts = draw_starts(STARTS, &mut Pcg64::seed_from_u64(12));
-            Ok(all.iter().map(|learnt| hops_on(learnt, &starts)).collect())
+            Ok(all.iter().map(|agent| survival_shares(agent, &starts)).collect())
         })?;
-        let worse = |i: usize| hops_on[i][0].min(hops_on[i][1]);
+        let worse = |i: usize| shares[i][0].min(shares[i][1]);
         let best = (0..all.len())
             .max_by(|a, b| worse(*a).total_cmp(&worse(*b)).then(b.cmp(a)))
             .expect("at least one seed");
         let seed = all[best].seed;
-        let chosen = format!("drawn: {seed}, which hops on from most starts in water and on land");
-        self.used("water, transferred", from(Paper::WaterToAir, &seeds(self.extent), &chosen));
-        let on_land = hops_on.iter().map(|shares| shares[1]).collect();
+        let chosen = format!("drawn: seed {seed}, {CHOICE}");
+        self.note_policy(
+            "water, transferred",
+            origin(PaperAgent::WaterToAir, &seeds(self.extent), &chosen),
+        );
+        let on_land = shares.iter().map(|shares| shares[1]).collect();
         Ok(Transferred { all, on_land, best })
     }
 }
 
-/// Share of the starts from which it takes [`HOPS`] hops, after its first stage in
-/// water, and after its last on land.
-fn hops_on(learnt: &Learnt, starts: &[Apex]) -> [f64; 2] {
-    [(learnt.actor_after(0), 1.0), (learnt.actor(), 0.0)].map(|(frozen, rho)| {
+/// Returns the shares of the starts from which an agent takes [`HOPS`] hops: in water
+/// after its first stage, and on land after its last.
+fn survival_shares(agent: &TrainedAgent, starts: &[Apex]) -> [f64; 2] {
+    [(agent.actor_after(0), 1.0), (agent.actor(), 0.0)].map(|(frozen, rho)| {
         let (actor, hopper) = (frozen.actor(), hopper(rho));
-        let lasts = |start: &&Apex| !fly(&actor, &hopper, rho, **start, HOPS, |_| 0.0).fell;
-        starts.par_iter().filter(lasts).count() as f64 / starts.len() as f64
+        let survives =
+            |start: &&Apex| !run_policy(&actor, &hopper, rho, **start, HOPS, |_| 0.0).fell;
+        starts.par_iter().filter(survives).count() as f64 / starts.len() as f64
     })
 }
+
+/// Why the drawn seed is drawn.
+pub(crate) const CHOICE: &str = "which survives from the most starts in water and on land";
 
 /// The transferred agents.
 #[derive(Debug)]
 pub struct Transferred {
-    /// Of every seed, in their order.
-    pub all: Vec<Learnt>,
-    /// Share of the starts from which each hops on, on land.
+    /// One for each seed, by ascending seed.
+    pub all: Vec<TrainedAgent>,
+    /// Share of the starts from which each survives on land.
     pub on_land: Vec<f64>,
     best: usize,
 }
 
 impl Transferred {
-    /// The one that is drawn: of all seeds that which hops on from most starts, in
-    /// water after its first stage and on land after its last, whichever are fewer.
-    /// What is said of a claim is said of all.
+    /// Returns the agent that is drawn: the seed that survives from the most starts, in
+    /// water after its first stage or on land after its last, whichever are fewer.
+    /// Verdicts are over all seeds.
     #[must_use]
-    pub fn shown(&self) -> &Learnt {
+    pub fn shown(&self) -> &TrainedAgent {
         &self.all[self.best]
     }
 }
 
-/// Where an agent comes from, in words.
-pub(crate) fn from(agent: Paper, seeds: &std::ops::Range<u64>, chosen: &str) -> String {
+/// Returns an agent's origin in words.
+pub(crate) fn origin(agent: PaperAgent, seeds: &std::ops::Range<u64>, chosen: &str) -> String {
     let config = agent.preset().config();
     let episodes: Vec<String> =
         config.stages.iter().map(|s| s.length.count().to_string()).collect();
@@ -221,7 +228,7 @@ pub(crate) fn from(agent: Paper, seeds: &std::ops::Range<u64>, chosen: &str) -> 
     )
 }
 
-fn train(agent: Paper, seed: u64) -> Result<Learnt, FiguresError> {
+fn train(agent: PaperAgent, seed: u64) -> Result<TrainedAgent, FiguresError> {
     let diverged = |cause: &dyn ToString| FiguresError::Training {
         agent: agent.name(),
         seed,
@@ -239,5 +246,5 @@ fn train(agent: Paper, seed: u64) -> Result<Learnt, FiguresError> {
                 .push(Stage { episodes: std::mem::take(&mut episodes), layers: layers.collect() });
         }
     }
-    Ok(Learnt { agent, seed, stages })
+    Ok(TrainedAgent { agent, seed, stages })
 }

@@ -1,4 +1,4 @@
-//! What is claimed, what was measured, and whether it holds.
+//! Claims of the paper, with what was measured and a verdict.
 
 use serde::Serialize;
 
@@ -6,24 +6,24 @@ use serde::Serialize;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
-    /// It does.
+    /// It holds.
     Holds,
-    /// In part: the measurement says in which.
+    /// It holds in part; the measurement says which part.
     InPart,
-    /// It does not: the measurement says why.
+    /// It does not hold; the measurement says why.
     Fails,
 }
 
 impl Verdict {
-    /// The verdict on what is either so or not.
+    /// Returns the verdict on a claim that either holds or fails.
     #[must_use]
     pub fn of(holds: bool) -> Self {
         if holds { Self::Holds } else { Self::Fails }
     }
 
-    /// In words.
+    /// Returns the verdict in words.
     #[must_use]
-    pub fn words(self) -> &'static str {
+    pub fn text(self) -> &'static str {
         match self {
             Self::Holds => "holds",
             Self::InPart => "holds in part",
@@ -32,24 +32,34 @@ impl Verdict {
     }
 }
 
-/// A claim of the paper, put to the test.
+/// A claim of the paper, tested.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Claim {
-    /// What the paper says.
-    pub says: String,
-    /// What was measured, in figures with their units.
+    /// The paper's statement, in our words.
+    pub statement: String,
+    /// The values that were measured, with their units.
     pub measured: String,
     /// Whether it holds.
     pub verdict: Verdict,
 }
 
 impl Claim {
-    /// The claims of many seeds as one each: a claim holds when it does for at
-    /// least half of them, and in part when it does for any. `shown` are those of
-    /// the seed that is drawn.
+    /// Returns a claim.
+    #[must_use]
+    pub fn new(
+        statement: impl Into<String>,
+        measured: impl Into<String>,
+        verdict: Verdict,
+    ) -> Self {
+        Self { statement: statement.into(), measured: measured.into(), verdict }
+    }
+
+    /// Combines the claims of many seeds. A claim holds if it holds for at least half of
+    /// the seeds, and in part if it holds for any. `shown` are the claims of the seed that
+    /// is drawn.
     #[must_use]
     pub fn over_seeds(all: &[Vec<Self>], shown: &[Self]) -> Vec<Self> {
-        let each = shown.iter().enumerate().map(|(i, claim)| {
+        let combined = shown.iter().enumerate().map(|(i, claim)| {
             let holds = all.iter().filter(|claims| claims[i].verdict == Verdict::Holds).count();
             let verdict = if 2 * holds >= all.len() && holds > 0 {
                 Verdict::Holds
@@ -59,20 +69,14 @@ impl Claim {
                 Verdict::Fails
             };
             let measured = format!(
-                "so for {holds} of {} seeds; of the one drawn ({}): {}",
+                "holds for {holds} of {} seeds. The seed drawn ({}): {}",
                 all.len(),
-                claim.verdict.words(),
+                claim.verdict.text(),
                 claim.measured
             );
-            Self::new(claim.says.clone(), measured, verdict)
+            Self::new(claim.statement.clone(), measured, verdict)
         });
-        each.collect()
-    }
-
-    /// A claim, with the figures that speak for or against it.
-    #[must_use]
-    pub fn new(says: impl Into<String>, measured: impl Into<String>, verdict: Verdict) -> Self {
-        Self { says: says.into(), measured: measured.into(), verdict }
+        combined.collect()
     }
 }
 
@@ -83,14 +87,14 @@ mod tests {
 
     #[test]
     fn a_claim_over_seeds_holds_for_half_of_them_and_in_part_for_any() {
-        let claim = |verdict| vec![Claim::new("it flies", "3 m", verdict)];
+        let claim = |verdict| vec![Claim::new("it hops", "3 m", verdict)];
         let over = |verdicts: [Verdict; 4]| {
             let all: Vec<_> = verdicts.map(claim).into();
             Claim::over_seeds(&all, &all[3])[0].clone()
         };
         let half = over([Holds, Fails, Holds, Fails]);
         assert_eq!(half.verdict, Holds);
-        assert_eq!(half.measured, "so for 2 of 4 seeds; of the one drawn (does not hold): 3 m");
+        assert_eq!(half.measured, "holds for 2 of 4 seeds. The seed drawn (does not hold): 3 m");
         assert_eq!(over([Holds, Fails, Fails, Fails]).verdict, InPart);
         assert_eq!(over([Fails, Fails, Fails, InPart]).verdict, InPart);
         assert_eq!(over([InPart, Fails, Fails, Fails]).verdict, Fails);

@@ -1,4 +1,4 @@
-//! The command line: exit status 0, 1 when something failed, 2 when what was given
+//! The command line. Exit status: 0 on success, 1 if the run failed, 2 if an argument
 //! cannot be used.
 
 use std::fs;
@@ -7,51 +7,55 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use anyhow::anyhow;
+use anyhow::{Context as _, anyhow};
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use leg_process::atomic_file;
 use leg_process::stdout;
 
-use crate::{Claim, Extent, Figure, FiguresError, Made, Reference, Workshop, all, page};
+use crate::{
+    Claim, Extent, Figure, FigureContext, FiguresError, Reference, RenderedFigure, all, report,
+};
 
-/// Where the authors' data lies when nothing says otherwise.
+/// Where the authors' data is looked for by default.
 const USUAL_REFERENCE: &str = "../shared/reference";
+/// What helps if a file cannot be written.
+const OUT_HINT: &str = "try another folder with --out";
 
-/// Draws the paper's figures, computed anew, and judges its claims.
+/// Compute and draw the paper's figures, and test its claims
 #[derive(Debug, Parser)]
 #[command(
     name = "paper-figures",
     version,
     about,
     after_help = "\
-Parts that are done are kept in DIR/parts and used again for as long as what they were made
-from is the same: a run that was cut goes on. The authors' data (doi 10.5281/zenodo.4607469)
-is drawn beside ours where its folder is found: --reference, else the variable
-LEG_REFERENCE_DATA, else ../shared/reference."
+The results of each step are cached in DIR/cache and used again if the step's inputs are the
+same: an interrupted run resumes. The authors' data (doi 10.5281/zenodo.4607469) is drawn beside
+ours if its folder is found: --reference, else the environment variable LEG_REFERENCE_DATA, else
+../shared/reference."
 )]
 struct Arguments {
-    /// The folder for the pictures, their CSV files, and report.html
+    /// Folder to write: an SVG and a CSV file for each figure, and report.html
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Only these figures, such as 3,7,11 or beyond
+    /// Render these figures only, such as 3,7,11 or beyond
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     only: Vec<String>,
-    /// A few seconds instead of a few minutes: coarser, and from fewer seeds
+    /// Take about a minute instead of several: coarser grids, fewer seeds
     #[arg(long)]
     quick: bool,
-    /// Where the authors' data lies
+    /// Folder with the authors' data
     #[arg(long, value_name = "DIR")]
     reference: Option<PathBuf>,
 }
 
-/// Why the program ends early.
+/// A reason to end early.
 #[derive(Debug)]
 enum Failure {
-    /// The caller can put it right: exit status 2.
+    /// An argument cannot be used: exit status 2.
     Input(anyhow::Error),
-    /// It went wrong all the same: exit status 1.
+    /// The run failed: exit status 1.
     Run(anyhow::Error),
 }
 
@@ -63,7 +67,17 @@ fn failed(error: impl Into<anyhow::Error>) -> Failure {
     Failure::Run(error.into())
 }
 
-/// Runs the program; returns its exit status.
+impl From<FiguresError> for Failure {
+    fn from(error: FiguresError) -> Self {
+        match error {
+            FiguresError::Reference { .. } => input(error),
+            FiguresError::Write { .. } => failed(anyhow!("{error}; {OUT_HINT}")),
+            _ => failed(error),
+        }
+    }
+}
+
+/// Runs the program and returns its exit status.
 #[must_use]
 pub fn main() -> ExitCode {
     let (error, status) = match run(&Arguments::parse()) {
@@ -75,14 +89,10 @@ pub fn main() -> ExitCode {
     ExitCode::from(status)
 }
 
-/// Writes a whole file, or says which one could not be written and what to do.
 fn write(path: &Path, text: &str) -> Result<(), Failure> {
-    atomic_file::write(path, text.as_bytes()).map_err(|cause| {
-        failed(anyhow!(
-            "{}: cannot be written: {cause}; name another place with --out",
-            path.display()
-        ))
-    })
+    atomic_file::write(path, text.as_bytes())
+        .with_context(|| format!("cannot write {}; {OUT_HINT}", path.display()))
+        .map_err(failed)
 }
 
 fn run(arguments: &Arguments) -> Result<(), Failure> {
@@ -92,43 +102,33 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     let reference = reference(arguments.reference.as_deref())?;
     let costs: Vec<f64> = figures.iter().map(|figure| figure.cost_s(extent)).collect();
     let bar = bar(costs.iter().sum());
-    let parts = arguments.out.join("parts");
-    let shop = Workshop::open(extent, reference, &parts, bar.clone()).map_err(failed)?;
+    let ctx = FigureContext::open(extent, reference, &arguments.out.join("cache"), bar.clone())?;
 
-    let mut made: Vec<(&dyn Figure, Made)> = Vec::new();
+    let mut rendered: Vec<(&dyn Figure, RenderedFigure)> = Vec::new();
     let mut until_s = 0.0;
     for (figure, cost_s) in figures.iter().zip(costs) {
+        let figure = figure.as_ref();
         bar.set_message(figure.title());
-        let done = figure.make(&shop).map_err(|error| match error {
-            FiguresError::Reference { .. } => input(error),
-            error => failed(error),
-        })?;
-        let file = |end: &str| arguments.out.join(format!("{}.{end}", figure.id()));
-        for (path, text) in [(file("svg"), &done.svg), (file("csv"), &done.csv)] {
-            write(&path, text)?;
+        let result = figure.render(&ctx)?;
+        for (extension, text) in [("svg", &result.svg), ("csv", &result.csv)] {
+            write(&arguments.out.join(figure.id()).with_extension(extension), text)?;
         }
-        made.push((figure.as_ref(), done));
+        rendered.push((figure, result));
         until_s += cost_s;
-        shop.reached(until_s);
+        ctx.finish_figure(until_s);
         if !stderr().is_terminal() {
-            eprintln!(
-                "{}: {} ({:.0} s)",
-                figure.id(),
-                figure.title(),
-                began.elapsed().as_secs_f64()
-            );
+            let took_s = began.elapsed().as_secs_f64();
+            eprintln!("{}: {} ({took_s:.0} s)", figure.id(), figure.title());
         }
     }
     bar.finish_and_clear();
 
-    let provenance = provenance(&shop, began.elapsed());
-    let pairs: Vec<(&dyn Figure, &Made)> = made.iter().map(|(f, m)| (*f, m)).collect();
-    let report = arguments.out.join("report.html");
-    write(&report, &page(&pairs, &provenance))?;
-    stdout::print_line(summary(&pairs, &report, began.elapsed())).map_err(failed)
+    let path = arguments.out.join("report.html");
+    write(&path, &report(&rendered, &provenance(&ctx, began.elapsed())))?;
+    stdout::print_line(summary(&rendered, &path, began.elapsed())).map_err(failed)
 }
 
-/// The figures that were asked for, in their order.
+/// Returns the figures named by `--only`, or all, in the order of the paper.
 fn chosen(only: &[String]) -> Result<Vec<Box<dyn Figure>>, Failure> {
     let all = all();
     let names = |figure: &dyn Figure| {
@@ -140,7 +140,7 @@ fn chosen(only: &[String]) -> Result<Vec<Box<dyn Figure>>, Failure> {
         if !all.iter().any(|figure| names(figure.as_ref()).contains(name)) {
             let known: Vec<String> = all.iter().map(|f| names(f.as_ref())[1].clone()).collect();
             return Err(input(anyhow!(
-                "--only {name}: there is no such figure; there are {}",
+                "--only {name}: no such figure; the figures are {}",
                 known.join(", ")
             )));
         }
@@ -154,9 +154,9 @@ fn chosen(only: &[String]) -> Result<Vec<Box<dyn Figure>>, Failure> {
 fn reference(given: Option<&Path>) -> Result<Option<Reference>, Failure> {
     let named = std::env::var_os("LEG_REFERENCE_DATA").map(PathBuf::from);
     match given {
-        Some(folder) => Reference::at(folder).map(Some).ok_or_else(|| {
-            input(anyhow!("--reference {}: there is no such folder", folder.display()))
-        }),
+        Some(folder) => Reference::at(folder)
+            .map(Some)
+            .ok_or_else(|| input(anyhow!("--reference {}: no such folder", folder.display()))),
         None => Ok(Reference::at(&named.unwrap_or_else(|| USUAL_REFERENCE.into()))),
     }
 }
@@ -166,33 +166,35 @@ fn bar(cost_s: f64) -> ProgressBar {
         return ProgressBar::hidden();
     }
     let style = "{bar:30} {percent:>3} %  {elapsed}, {eta} to go  {msg}";
-    let bar = ProgressBar::new(Workshop::units(cost_s));
+    let bar = ProgressBar::new(FigureContext::units(cost_s));
     bar.set_style(ProgressStyle::with_template(style).expect("a valid template"));
     bar.enable_steady_tick(Duration::from_millis(250));
     bar
 }
 
-/// What the page says of how it came about.
-fn provenance(shop: &Workshop, took: Duration) -> Vec<(String, String)> {
+/// Returns how the report came about: rows of what, and value.
+fn provenance(ctx: &FigureContext, took: Duration) -> Vec<(String, String)> {
     let row = |what: &str, value: String| (what.to_owned(), value);
-    let extent = match shop.extent {
+    let extent = match ctx.extent {
         Extent::Full => "full",
-        Extent::Quick => "quick: coarser, and from fewer seeds; read the verdicts with care",
+        Extent::Quick => "quick: coarser grids and fewer seeds, so the verdicts are preliminary",
     };
     let mut rows = vec![
         row("program", format!("paper-figures {}", env!("CARGO_PKG_VERSION"))),
         row("extent", extent.to_owned()),
         row(
             "the authors' data",
-            match &shop.reference {
-                Some(_) => "found (doi 10.5281/zenodo.4607469), and drawn beside ours".to_owned(),
-                None => "not found: the figures show ours alone".to_owned(),
+            match &ctx.reference {
+                Some(_) => "found (doi 10.5281/zenodo.4607469) and drawn beside ours".to_owned(),
+                None => "not found: the figures show only our own results".to_owned(),
             },
         ),
     ];
-    rows.extend(shop.policies().into_iter().map(|(name, from)| (format!("policy: {name}"), from)));
+    rows.extend(
+        ctx.policies().into_iter().map(|(name, origin)| (format!("policy: {name}"), origin)),
+    );
     rows.push(row("machine", machine()));
-    let time = format!("{:.0} s, less what was found from earlier runs", took.as_secs_f64());
+    let time = format!("{:.0} s, without steps cached by earlier runs", took.as_secs_f64());
     rows.push(row("time", time));
     rows
 }
@@ -204,11 +206,11 @@ fn machine() -> String {
     format!("{model}, {} threads", rayon::current_num_threads())
 }
 
-fn summary(figures: &[(&dyn Figure, &Made)], report: &Path, took: Duration) -> String {
-    let claims = figures.iter().flat_map(|(figure, made)| {
-        made.claims.iter().map(|claim| {
-            let Claim { says, measured, verdict } = claim;
-            format!("{:<7} {:<14} {says}: {measured}\n", figure.id(), verdict.words())
+/// Returns a line for each claim, and where the report is.
+fn summary(figures: &[(&dyn Figure, RenderedFigure)], report: &Path, took: Duration) -> String {
+    let claims = figures.iter().flat_map(|(figure, rendered)| {
+        rendered.claims.iter().map(|Claim { statement, measured, verdict }| {
+            format!("{:<7} {:<14} {statement}: {measured}\n", figure.id(), verdict.text())
         })
     });
     claims.collect::<String>() + &format!("{} ({:.0} s)", report.display(), took.as_secs_f64())

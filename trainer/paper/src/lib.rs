@@ -1,54 +1,54 @@
-//! The figures of "Learning to stop", computed anew: each drawn from our own
-//! plant, trainer and controller, beside the authors' data where it is at hand,
-//! with the paper's claims put to the test.
+//! The figures of "Learning to stop", computed with this repository's own plant,
+//! trainer and controller. Each is drawn beside the authors' data if that is found, and
+//! each claim of the paper is tested.
 //!
-//! A figure is computed in parts. Each part is kept on disk under a hash of
-//! what it was made from, so that a run that was cut goes on where it was, and
-//! a figure that has not changed costs nothing. Results do not depend on the
-//! number of threads.
+//! A figure is computed in steps. The result of each step is cached on disk under a hash
+//! of its inputs, so that an interrupted run resumes and an unchanged figure costs
+//! nothing. Results do not depend on the number of threads.
 
 mod agents;
+mod analysis;
 mod claim;
 pub mod cli;
-mod each;
-mod page;
-pub mod picture;
+mod context;
+mod figures;
 mod reference;
-mod study;
-mod workshop;
+mod report;
 
 pub use claim::{Claim, Verdict};
-pub use each::all;
-pub use page::page;
+pub use context::{Extent, FigureContext, FiguresError};
+pub use figures::all;
 pub use reference::Reference;
-pub use workshop::{Extent, FiguresError, Workshop};
+pub use report::report;
 
-/// One figure of the paper, or one beyond it.
+/// A figure of the paper, or one beyond it.
 pub trait Figure: Sync {
-    /// Its file name, such as `fig03`.
+    /// Returns the name of its files, such as `fig03`.
     fn id(&self) -> &'static str;
-    /// What it shows, in a few words.
+    /// Returns what it shows, in a few words.
     fn title(&self) -> &'static str;
-    /// What the paper says of it, in our words: a paragraph.
+    /// Returns what the paper reports, in our words: a paragraph.
     fn paper(&self) -> &'static str;
-    /// Seconds that it takes alone on two cores, roughly: the progress bar's unit.
+    /// Returns the approximate time that it takes alone on two cores, s. The progress bar
+    /// counts in this unit.
     fn cost_s(&self, extent: Extent) -> f64;
     /// Computes and draws it.
     ///
     /// # Errors
-    /// [`FiguresError`], when a part cannot be kept or the picture not laid out.
-    fn make(&self, shop: &Workshop) -> Result<Made, FiguresError>;
+    /// [`FiguresError`] if a step cannot be cached, a training diverges, or the authors'
+    /// data is damaged.
+    fn render(&self, ctx: &FigureContext) -> Result<RenderedFigure, FiguresError>;
 }
 
-/// A figure that is done.
+/// A figure, computed and drawn.
 #[derive(Clone, Debug)]
-pub struct Made {
-    /// The picture.
+pub struct RenderedFigure {
+    /// The charts.
     pub svg: String,
-    /// What it is drawn from, a row a point.
+    /// The values that are drawn, one row a point.
     pub csv: String,
-    /// What came out, in a paragraph.
+    /// The results in words: a paragraph.
     pub measured: String,
-    /// The paper's claims, put to the test.
+    /// The paper's claims, with verdicts.
     pub claims: Vec<Claim>,
 }

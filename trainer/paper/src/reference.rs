@@ -1,8 +1,9 @@
-//! The authors' published data (doi 10.5281/zenodo.4607469), where it is at hand.
+//! The authors' published data (doi 10.5281/zenodo.4607469).
 
 use std::path::{Path, PathBuf};
 
 use super::FiguresError;
+use super::agents::Episode;
 use trainer::bridge::json;
 use trainer::policy::PackedActor;
 
@@ -10,32 +11,17 @@ use trainer::policy::PackedActor;
 #[derive(Clone, Debug)]
 pub struct Reference(PathBuf);
 
-/// An episode of the authors' trainings.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Episode {
-    /// Sum of its rewards.
-    pub reward: f64,
-    /// Its steps, at most 5.
-    pub steps: u32,
-}
-
 impl Reference {
-    /// A folder, if it is there.
+    /// Returns the data in a folder, or `None` if the folder does not exist.
     #[must_use]
     pub fn at(folder: &Path) -> Option<Self> {
         folder.is_dir().then(|| Self(folder.to_owned()))
     }
 
-    /// The folder.
-    #[must_use]
-    pub fn folder(&self) -> &Path {
-        &self.0
-    }
-
-    /// The learning curve of `air` or `water_to_air`: one run each.
+    /// Reads the learning curve of the agent `air` or `water_to_air`: one training each.
     ///
     /// # Errors
-    /// [`FiguresError::Reference`] when it is not what it should be.
+    /// [`FiguresError::Reference`] if the file is missing or damaged.
     pub fn learning(&self, agent: &str) -> Result<Vec<Episode>, FiguresError> {
         let path = self.0.join(format!("learning_{agent}.csv"));
         let wrong = |cause: &dyn ToString| FiguresError::Reference {
@@ -49,10 +35,10 @@ impl Reference {
             .map_err(|e| wrong(&e))
     }
 
-    /// The actor `air`, `water` or `water_to_air`.
+    /// Reads the actor `air`, `water` or `water_to_air`.
     ///
     /// # Errors
-    /// [`FiguresError::Reference`] when it is not what it should be.
+    /// [`FiguresError::Reference`] if the file is missing or damaged.
     pub fn actor(&self, agent: &str) -> Result<PackedActor, FiguresError> {
         let path = self.0.join(format!("actor_{agent}.json"));
         let wrong = |cause: &dyn ToString| FiguresError::Reference {

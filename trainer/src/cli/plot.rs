@@ -3,12 +3,14 @@
 use super::output::{Target, print};
 use super::{Failure, failed, input};
 use crate::curves::log::Log;
-use crate::curves::picture::{COLORS, draw};
+use crate::curves::picture::draw;
 use crate::curves::smooth::{Curve, Group, Smoothing, curves, extent, usual_window};
-use crate::curves::{By, Zero, grouped};
+use crate::curves::{By, Zero};
 use anyhow::{Context, anyhow};
 use clap::Args;
 use glob::{Pattern, glob};
+use leg_charts::color::SERIES;
+use leg_charts::grouped;
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, Args)]
@@ -47,11 +49,11 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let groups = groups(&arguments.runs)?;
-    let options = extent(&groups, arguments.by, arguments.zero);
+    let x_range = extent(&groups, arguments.by, arguments.zero);
     let how = Smoothing {
         by: arguments.by,
         zero: arguments.zero,
-        window: arguments.window.map_or_else(|| usual_window(options), f64::from),
+        window: arguments.window.map_or_else(|| usual_window(x_range), f64::from),
         full_steps: arguments.full_steps,
     };
     let curves = curves(&groups, &how);
@@ -62,7 +64,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
              run; give a smaller --window, or longer runs"
         )));
     }
-    let svg = draw(&curves, &how, options)
+    let svg = draw(&curves, &how, x_range)
         .map_err(|e| failed(anyhow!("the picture cannot be laid out: {e}")))?;
     Target { path: &arguments.out, option: "--out" }.write(svg.as_bytes())?;
     print(&summary(&curves, &how, &arguments.out))
@@ -113,11 +115,11 @@ fn groups(arguments: &[String]) -> Result<Vec<Group>, Failure> {
             None => found.push((label, logs)),
         }
     }
-    if found.len() > COLORS.len() {
+    if found.len() > SERIES.len() {
         return Err(input(anyhow!(
             "{} curves, at most {} can be told apart; draw runs together as LABEL=RUN",
             found.len(),
-            COLORS.len()
+            SERIES.len()
         )));
     }
     found.into_iter().map(|(label, paths)| group(label, paths)).collect()

@@ -1,4 +1,4 @@
-//! Figure 12: the highest speed of the transferred agent in air, over other bodies.
+//! Figure 12: the highest speed of the transferred agent in air with other bodies.
 
 use std::fmt::Write as _;
 
@@ -6,28 +6,29 @@ use leg_control::policy::{GainPoint, GainSchedule};
 use leg_plant::Medium;
 use rayon::prelude::*;
 
-use crate::agents::{Learnt, Paper};
-use crate::picture::{AUTHORS, Axis, COLORS, Mark, Panel, Sheet};
-use crate::study::body::{MASS_KG, Plane, STIFFNESS_KN_M};
-use crate::study::flown::{authors_actor, identity, other_leg};
-use crate::study::learning::quartiles;
-use crate::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
+use crate::agents::{CHOICE, PaperAgent, TrainedAgent};
+use crate::analysis::apex_run::{authors_actor, identity, leg_with};
+use crate::analysis::bodies::{MASS_KG, Plane, STIFFNESS_KN_M};
+use crate::analysis::learning_curves::quartiles;
+use crate::{Claim, Extent, Figure, FigureContext, FiguresError, RenderedFigure, Verdict};
+use leg_charts::color::{BLACK, BLUE};
+use leg_charts::{Axis, Mark, Panel, Sheet};
 use trainer::environment::LOWEST_APEX_M;
 use trainer::evaluate::tracking::{START, highest_speed_of};
 use trainer::policy::PackedActor;
 
-/// What the paper reaches, and what its authors' agent does in an independent
-/// simulator, m/s.
+/// Speed in the paper, and speed of the authors' agent in an independent simulator, m/s.
 const PAPER_M_S: f64 = 6.0;
 const AUTHORS_M_S: f64 = 5.98;
-/// The ramp ends where the leg falls, which a last bit may put off by a step or two, m/s.
+/// Speeds within this are equal, m/s: a rounding error may end the ramp a step earlier or
+/// later.
 const NEAR_M_S: f64 = 0.3;
-/// An average human runs at no less, m/s.
+/// Speed of a running human, at least, m/s.
 const RUNNING_M_S: f64 = 3.0;
-/// Points of the lines.
+/// Number of points of a line.
 const POINTS: usize = 25;
 
-/// The gains of the published code: an integral term alone.
+/// Returns the gains of the published code: an integral term only.
 pub(super) fn gains() -> GainSchedule {
     let point = GainPoint { ki: 0.02, limit_m_s: 10.0, ..GainPoint::default() };
     [point].into_iter().collect()
@@ -50,78 +51,79 @@ impl Figure for Fig12 {
     }
 
     fn cost_s(&self, extent: Extent) -> f64 {
-        extent.of(6.0, 1.0) // Beside the trainings of figure 3.
+        extent.of(6.0, 1.0) // Without the trainings of figure 3.
     }
 
-    fn make(&self, shop: &Workshop) -> Result<Made, FiguresError> {
-        let transferred = shop.transferred()?;
-        let ours = Speeds::of(shop, "speeds-ours", &transferred.shown().actor())?;
-        let all = at_home(shop, &transferred.all)?;
-        let theirs = authors_actor(shop.reference.as_ref(), "water_to_air")?;
-        let theirs = theirs.map(|actor| Speeds::of(shop, "speeds-authors", &actor)).transpose()?;
+    fn render(&self, ctx: &FigureContext) -> Result<RenderedFigure, FiguresError> {
+        let transferred = ctx.transferred()?;
+        let ours = TopSpeeds::of(ctx, "speeds-ours", &transferred.shown().actor())?;
+        let all = with_trained_body(ctx, &transferred.all)?;
+        let theirs = authors_actor(ctx.reference.as_ref(), "water_to_air")?;
+        let theirs =
+            theirs.map(|actor| TopSpeeds::of(ctx, "speeds-authors", &actor)).transpose()?;
         let mut measured = format!(
-            "Seed {}, which of {} hops on from most starts in water and on land, by a ramp: integral gain 0.02, the speed asked for raised by \
-             0.05 m/s every 10 hops until the leg falls. {:.2} m/s at home; over the plane at most \
-             {:.2} m/s.",
+            "Seed {} of {}, {CHOICE}. A ramp with an integral gain of 0.02 raises the set-point by \
+             0.05 m/s every 10 hops until the leg falls. The highest speed is {:.2} m/s with the \
+             trained body, and {:.2} m/s over all bodies.",
             transferred.shown().seed,
             transferred.all.len(),
-            ours.home,
+            ours.trained_body,
             ours.highest(),
         );
         if let Some(theirs) = &theirs {
             let _ = write!(
                 measured,
-                " The authors' agent: {:.2} m/s at home, at most {:.2} m/s.",
-                theirs.home,
+                " The authors' agent: {:.2} m/s with the trained body, {:.2} m/s over all bodies.",
+                theirs.trained_body,
                 theirs.highest()
             );
         }
         let [low, median, high] = quartiles(&mut all.clone());
         let _ = write!(
             measured,
-            " Over the seeds, at home: quartiles {low:.2}, {median:.2} and {high:.2} m/s, at most \
-             {:.2} m/s.",
+            " Over all seeds, with the trained body: quartiles {low:.2}, {median:.2} and {high:.2} m/s, \
+             highest {:.2} m/s.",
             all.iter().copied().fold(0.0, f64::max)
         );
-        // What a leg that never elongates can come to: it keeps the energy of the ramp's start.
+        // The speed of a leg that never elongates: it keeps the energy of the ramp's start.
         let apart_m = START.y_m - LOWEST_APEX_M;
         let kept_m_s = (2.0 * Medium::AIR.gravity_m_s2() * apart_m).sqrt();
         let _ = write!(
             measured,
-            " An agent that never elongates its leg keeps the energy of the start, {} m at rest, \
-             which is {kept_m_s:.2} m/s at an apex of {LOWEST_APEX_M} m: to be faster it has to \
-             elongate.",
+            " An agent that never elongates its leg keeps the energy of the start at rest at {} m, \
+             which is {kept_m_s:.2} m/s at an apex of {LOWEST_APEX_M} m. It has to elongate the leg \
+             to be faster.",
             START.y_m
         );
         let each: Vec<Vec<Claim>> = all.iter().map(|v| vec![speed(*v)]).collect();
-        let mut claims = Claim::over_seeds(&each, &[speed(ours.home)]);
+        let mut claims = Claim::over_seeds(&each, &[speed(ours.trained_body)]);
         if let Some(theirs) = &theirs {
-            claims.push(check(theirs.home));
+            claims.push(check(theirs.trained_body));
         }
         let csv = table(&ours, theirs.as_ref());
-        Ok(Made { svg: draw(&ours, theirs.as_ref())?, csv, measured, claims })
+        Ok(RenderedFigure { svg: draw(&ours, theirs.as_ref())?, csv, measured, claims })
     }
 }
 
-/// The highest speed of every seed, with the leg that it was trained on, m/s.
-fn at_home(shop: &Workshop, all: &[Learnt]) -> Result<Vec<f64>, FiguresError> {
-    let inputs = (Paper::WaterToAir.config_toml(), all.len());
-    shop.part("speeds-by-seed", &inputs, shop.extent.of(3.0, 0.2), || {
-        let hopper = other_leg(80.0, 20_000.0, Medium::AIR);
+/// Computes the highest speed of every seed with the trained body, m/s.
+fn with_trained_body(ctx: &FigureContext, all: &[TrainedAgent]) -> Result<Vec<f64>, FiguresError> {
+    let inputs = (PaperAgent::WaterToAir.config_toml(), all.len());
+    ctx.cached("speeds-by-seed", &inputs, ctx.extent.of(3.0, 0.2), || {
+        let hopper = leg_with(80.0, 20_000.0, Medium::AIR);
         let gains = gains();
         let speed =
-            |learnt: &Learnt| highest_speed_of(&learnt.actor().actor(), &gains, 0.0, &hopper);
+            |agent: &TrainedAgent| highest_speed_of(&agent.actor().actor(), &gains, 0.0, &hopper);
         Ok(all.par_iter().map(speed).collect())
     })
 }
 
-fn speed(home_m_s: f64) -> Claim {
+fn speed(speed_m_s: f64) -> Claim {
     Claim::new(
         "The transferred agent reaches 6 m/s on land, as an average runner does",
-        format!("{home_m_s:.2} m/s"),
-        if home_m_s >= PAPER_M_S - NEAR_M_S {
+        format!("{speed_m_s:.2} m/s"),
+        if speed_m_s >= PAPER_M_S - NEAR_M_S {
             Verdict::Holds
-        } else if home_m_s >= RUNNING_M_S {
+        } else if speed_m_s >= RUNNING_M_S {
             Verdict::InPart
         } else {
             Verdict::Fails
@@ -129,38 +131,39 @@ fn speed(home_m_s: f64) -> Claim {
     )
 }
 
-fn check(home_m_s: f64) -> Claim {
+fn check(speed_m_s: f64) -> Claim {
     Claim::new(
         format!(
-            "A check of our plant: the authors' agent reaches {AUTHORS_M_S} m/s in an independent \
-             simulator"
+            "A check of our plant: in an independent simulator, the authors' agent reaches \
+             {AUTHORS_M_S} m/s"
         ),
-        format!("{home_m_s:.2} m/s; the ramp's end is taken as the same within {NEAR_M_S} m/s"),
-        Verdict::of((home_m_s - AUTHORS_M_S).abs() <= NEAR_M_S),
+        format!("{speed_m_s:.2} m/s; speeds within {NEAR_M_S} m/s count as equal"),
+        Verdict::of((speed_m_s - AUTHORS_M_S).abs() <= NEAR_M_S),
     )
 }
 
 /// Highest speeds, m/s.
 #[derive(serde::Serialize, serde::Deserialize)]
-struct Speeds {
-    home: f64,
+struct TopSpeeds {
+    /// With the body that was trained.
+    trained_body: f64,
     /// By stiffness, kN/m, at 80 kg, and by mass, kg, at 20 kN/m.
     lines: [Vec<(f64, f64)>; 2],
     cells: usize,
     plane: Vec<f64>,
 }
 
-impl Speeds {
-    fn of(shop: &Workshop, name: &str, agent: &PackedActor) -> Result<Self, FiguresError> {
-        let extent = shop.extent;
+impl TopSpeeds {
+    fn of(ctx: &FigureContext, name: &str, agent: &PackedActor) -> Result<Self, FiguresError> {
+        let extent = ctx.extent;
         let cost_s = extent.of(3.0, 0.5);
-        shop.part(name, &(identity(agent), extent), cost_s, || Ok(Self::compute(agent, extent)))
+        ctx.cached(name, &(identity(agent), extent), cost_s, || Ok(Self::compute(agent, extent)))
     }
 
     fn compute(agent: &PackedActor, extent: Extent) -> Self {
         let (actor, gains) = (agent.actor(), gains());
         let speed = |mass_kg, stiffness_n_m| {
-            let hopper = other_leg(mass_kg, stiffness_n_m, Medium::AIR);
+            let hopper = leg_with(mass_kg, stiffness_n_m, Medium::AIR);
             highest_speed_of(&actor, &gains, 0.0, &hopper)
         };
         let along = |range: &std::ops::Range<f64>| {
@@ -169,7 +172,7 @@ impl Speeds {
         };
         let plane = Plane::of(extent);
         Self {
-            home: speed(80.0, 20_000.0),
+            trained_body: speed(80.0, 20_000.0),
             lines: [
                 along(&STIFFNESS_KN_M).map(|k| (k, speed(80.0, 1e3 * k))).collect(),
                 along(&MASS_KG).map(|m| (m, speed(m, 20_000.0))).collect(),
@@ -180,13 +183,13 @@ impl Speeds {
     }
 
     fn highest(&self) -> f64 {
-        self.plane.iter().copied().fold(self.home, f64::max)
+        self.plane.iter().copied().fold(self.trained_body, f64::max)
     }
 }
 
-fn draw(ours: &Speeds, theirs: Option<&Speeds>) -> Result<String, FiguresError> {
+fn draw(ours: &TopSpeeds, theirs: Option<&TopSpeeds>) -> Result<String, FiguresError> {
     let sets = [("ours", Some(ours)), ("the authors'", theirs)];
-    let sets: Vec<(&str, &Speeds)> =
+    let sets: Vec<(&str, &TopSpeeds)> =
         sets.into_iter().filter_map(|(whose, speeds)| Some((whose, speeds?))).collect();
     let top = sets.iter().map(|(_, speeds)| speeds.highest()).fold(1.0, f64::max);
     let planes = sets.iter().map(|(whose, speeds)| {
@@ -195,10 +198,8 @@ fn draw(ours: &Speeds, theirs: Option<&Speeds>) -> Result<String, FiguresError> 
     let line = |index: usize, label: &str| {
         let mut marks = Vec::new();
         for (whose, speeds) in &sets {
-            let (points, label) = (speeds.lines[index].clone(), Some((*whose).to_owned()));
-            let dashed = *whose != "ours";
-            let color = if dashed { AUTHORS } else { COLORS[0] };
-            marks.push(Mark::Line { points, color, dashed, label });
+            let line = |color| Mark::line(speeds.lines[index].clone(), color).label(*whose);
+            marks.push(if *whose == "ours" { line(BLUE) } else { line(BLACK).dashed() });
         }
         let all = sets.iter().flat_map(|(_, speeds)| &speeds.lines[index]);
         let (x, y): (Vec<f64>, Vec<f64>) = all.copied().unzip();
@@ -209,23 +210,17 @@ fn draw(ours: &Speeds, theirs: Option<&Speeds>) -> Result<String, FiguresError> 
             marks,
         }
     };
-    let sheet = Sheet {
-        title: "Figure 12. Highest speed in air over other bodies".into(),
-        note: "a ramp of the speed asked for, until the leg falls".into(),
-        rows: vec![
-            planes.collect(),
-            vec![line(0, "stiffness at 80 kg, kN/m"), line(1, "mass at 20 kN/m, kg")],
-        ],
-        ..Sheet::default()
-    };
-    Ok(sheet.draw()?)
+    let title = "Figure 12. Highest speed in air over other bodies";
+    let note = "the set-point rises until the leg falls";
+    let lines = vec![line(0, "stiffness at 80 kg, kN/m"), line(1, "mass at 20 kN/m, kg")];
+    Ok(Sheet::new(title, note).rows(226, vec![planes.collect(), lines]).draw()?)
 }
 
-fn table(ours: &Speeds, theirs: Option<&Speeds>) -> String {
+fn table(ours: &TopSpeeds, theirs: Option<&TopSpeeds>) -> String {
     let mut csv = String::from("whose,mass_kg,stiffness_n_m,highest_speed_m_s\n");
     for (whose, speeds) in [("ours", Some(ours)), ("authors", theirs)] {
         let Some(speeds) = speeds else { continue };
-        let _ = writeln!(csv, "{whose},80,20000,{}", speeds.home);
+        let _ = writeln!(csv, "{whose},80,20000,{}", speeds.trained_body);
         let springs = speeds.lines[0].iter().map(|(k, v)| ([80.0, 1e3 * k], *v));
         let masses = speeds.lines[1].iter().map(|(m, v)| ([*m, 20_000.0], *v));
         let plane = Plane { cells: speeds.cells }.bodies();

@@ -1,23 +1,23 @@
-//! Other bodies: the plane of masses and springs that figures 11, 12 and beyond
-//! are drawn over.
+//! Other bodies: the plane of masses and stiffnesses of figures 11, 12 and beyond.
 
 use std::ops::Range;
 
 use leg_plant::{Hopper, Medium};
 use rayon::prelude::*;
 
-use super::flown::other_leg;
+use super::apex_run::leg_with;
 use crate::Extent;
-use crate::picture::{Axis, Mark, Panel};
+use leg_charts::{Axis, Mark, Panel, color};
 
-/// The plane: dry mass, kg, and stiffness, kN/m.
+/// Dry masses of the plane, kg.
 pub(crate) const MASS_KG: Range<f64> = 30.0..130.0;
+/// Spring stiffnesses of the plane, kN/m.
 pub(crate) const STIFFNESS_KN_M: Range<f64> = 2.5..42.5;
 
-/// Equal cells over the plane; bodies at their middles.
+/// A grid of equal cells over the plane. A body stands at the middle of each.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Plane {
-    /// Cells each way.
+    /// Number of cells across, and up.
     pub(crate) cells: usize,
 }
 
@@ -26,7 +26,7 @@ impl Plane {
         Self { cells: extent.of(20, 8) }
     }
 
-    /// Mass, kg, and stiffness, N/m, of each cell: row by row, the softest first.
+    /// Returns mass, kg, and stiffness, N/m, of each cell: row by row, the softest first.
     pub(crate) fn bodies(self) -> Vec<[f64; 2]> {
         let middle = |range: &Range<f64>, i: usize| {
             range.start + (range.end - range.start) * (i as f64 + 0.5) / self.cells as f64
@@ -37,16 +37,16 @@ impl Plane {
             .collect()
     }
 
-    /// A value for each cell.
+    /// Computes a value for each cell, in parallel.
     pub(crate) fn map(self, medium: Medium, value: impl Fn(&Hopper) -> f64 + Sync) -> Vec<f64> {
         let bodies = self.bodies();
         bodies
             .into_par_iter()
-            .map(|[mass_kg, stiffness_n_m]| value(&other_leg(mass_kg, stiffness_n_m, medium)))
+            .map(|[mass_kg, stiffness_n_m]| value(&leg_with(mass_kg, stiffness_n_m, medium)))
             .collect()
     }
 
-    /// A panel of such values.
+    /// Returns a panel that shows a value for each cell.
     pub(crate) fn panel(
         self,
         title: &str,
@@ -54,26 +54,11 @@ impl Plane {
         scale: Range<f64>,
         label: &str,
     ) -> Panel {
-        let plane = Mark::Cells {
-            x: MASS_KG,
-            y: STIFFNESS_KN_M,
-            columns: self.cells,
-            values,
-            scale,
-            label: label.into(),
-        };
-        let home = Mark::Dots {
-            points: vec![(80.0, 20.0)],
-            color: crate::picture::INK,
-            radius_px: 4,
-            label: Some("the body that was trained".into()),
-        };
-        Panel {
-            title: title.to_owned(),
-            x: Axis::new("mass, kg", MASS_KG),
-            y: Axis::new("stiffness, kN/m", STIFFNESS_KN_M),
-            marks: vec![plane, home],
-        }
+        let (x, y) = (Axis::new("mass, kg", MASS_KG), Axis::new("stiffness, kN/m", STIFFNESS_KN_M));
+        let home = Mark::dots(vec![(80.0, 20.0)], color::INK).radius_px(4.0);
+        Panel::new(title, x, y)
+            .with(Mark::cells((MASS_KG, STIFFNESS_KN_M), self.cells, values, scale, label))
+            .with(home.label("the body that was trained"))
     }
 }
 
@@ -82,7 +67,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cells_lie_row_by_row_and_hold_their_bodies() {
+    fn lists_bodies_row_by_row_at_the_middles_of_the_cells() {
         let plane = Plane { cells: 4 };
         let bodies = plane.bodies();
         assert_eq!(bodies.len(), 16);

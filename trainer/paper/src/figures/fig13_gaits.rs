@@ -7,30 +7,31 @@ use leg_control::policy::GainPoint;
 use leg_plant::{Action, Apex, Body, EventKind, Flat, Leg, LegCommand, Medium, TickPlant};
 use rayon::prelude::*;
 
-use crate::agents::{Learnt, Paper, from};
-use crate::picture::{Axis, COLORS, INK, Mark, Panel, Sheet};
-use crate::study::flown::{follow, mean_and_swing};
-use crate::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
+use crate::agents::{PaperAgent, TrainedAgent, origin};
+use crate::analysis::apex_run::{mean_and_amplitude, run_cascade};
+use crate::{Claim, Extent, Figure, FigureContext, FiguresError, RenderedFigure, Verdict};
+use leg_charts::color::{BLUE, GREEN, INK, ORANGE};
+use leg_charts::{Axis, Mark, Panel, Sheet};
 use trainer::evaluate::hopper;
 
-/// The speed asked for, m/s.
-const ASKED_M_S: f32 = 1.0;
+/// The set-point, m/s.
+const SET_POINT_M_S: f32 = 1.0;
 const START: Apex = Apex { vx_m_s: 0.0, y_m: 2.0 };
-/// Hops until the gait is looked at, and hops that then are: those drawn are the
-/// first of them.
+/// Number of hops of a run, of the last hops that are evaluated, and of those drawn: the
+/// first of the evaluated.
 const HOPS: usize = 300;
-const LOOKED_AT: usize = 20;
+const EVALUATED: usize = 20;
 const DRAWN: usize = 3;
-/// Step of a path, s.
+/// Time step of a path, s.
 const STEP_S: f64 = 2e-3;
-/// Gains that are tried in each medium: the paper does not say its own.
+/// Gains that are tried in each medium; the paper does not give its own.
 const KI: [f32; 5] = [0.02, 0.05, 0.1, 0.2, 0.4];
 const FEED_FORWARD: [f32; 4] = [0.0, 0.5, 1.0, 1.5];
-/// Angles that differ by less are the same, deg.
+/// Angles that differ by less than this are equal, deg.
 const SAME_DEG: f64 = 2.0;
-/// Gaits nearer to the speed asked for than this have it, m/s.
+/// A gait reaches the set-point if it is within this, m/s.
 const NEAR_M_S: f64 = 0.1;
-/// What a fall counts as, when seeds are compared, m/s.
+/// Deviation that a fall counts as when seeds are compared, m/s.
 const FALLS_M_S: f64 = 1e3;
 const MEDIA: [(&str, Medium); 2] = [("air", Medium::AIR), ("water", Medium::WATER)];
 
@@ -46,41 +47,42 @@ impl Figure for Fig13 {
     }
 
     fn paper(&self) -> &'static str {
-        "One controller, trained in water and air in turn, asked for 1 m/s. In air it settles to \
-         the conservative model, its touchdown and lift-off angles symmetric; in water to a gait \
-         in which both angles are acute: the leg pushes from behind."
+        "One controller, trained in water and air alternately, with a set-point of 1 m/s. In air it \
+         converges to the conservative model, with symmetric touchdown and lift-off angles. In water \
+         it converges to a gait in which both angles are acute: the leg pushes from behind."
     }
 
     fn cost_s(&self, extent: Extent) -> f64 {
-        // Universal trainings take twice the steps an episode.
+        // Episodes of universal trainings have twice as many steps.
         0.8 * seeds(extent).count() as f64
     }
 
-    fn make(&self, shop: &Workshop) -> Result<Made, FiguresError> {
-        let tried = every_seed(shop)?;
-        let goes = [0, 1].map(|i| tried.iter().filter(|seed| seed.goes_in(i)).count());
-        let count = tried.len();
-        let all: Vec<Vec<Claim>> = tried.iter().map(Seed::claims).collect();
-        let both = tried.iter().filter(|seed| seed.goes_in(0) && seed.goes_in(1)).count();
-        let shown = tried.into_iter().next().expect("at least one seed");
+    fn render(&self, ctx: &FigureContext) -> Result<RenderedFigure, FiguresError> {
+        let seeds_gaits = every_seed(ctx)?;
+        let reach = [0, 1].map(|i| seeds_gaits.iter().filter(|seed| seed.reaches_in(i)).count());
+        let count = seeds_gaits.len();
+        let all: Vec<Vec<Claim>> = seeds_gaits.iter().map(SeedGaits::claims).collect();
+        let both =
+            seeds_gaits.iter().filter(|seed| seed.reaches_in(0) && seed.reaches_in(1)).count();
+        let shown = seeds_gaits.into_iter().next().expect("at least one seed");
         let claims = Claim::over_seeds(&all, &shown.claims());
-        let Seed { seed, gaits } = shown;
-        let chosen = format!("the one that comes nearest to the speed asked for: {seed}");
-        shop.used("universal", from(Paper::Universal, &seeds(shop.extent), &chosen));
+        let SeedGaits { seed, gaits } = shown;
+        let chosen = format!("drawn: seed {seed}, which comes nearest to the set-point");
+        ctx.note_policy("universal", origin(PaperAgent::Universal, &seeds(ctx.extent), &chosen));
         let mut measured = format!(
-            "{count} seeds; in each medium the gains that come nearest to 1 m/s after {HOPS} hops, \
-             from rest at 2 m. {} of the seeds come within {NEAR_M_S} m/s in air, {} in water, \
-             {both} in both. Seed {seed} comes nearest and is drawn. Angles are of the line from \
-             foot to mass, from the direction of travel; over 90 deg the foot is ahead.",
-            goes[0], goes[1],
+            "{count} seeds; in each medium, the gains are used that come nearest to 1 m/s after {HOPS} \
+             hops, from rest at 2 m. {} seeds come within {NEAR_M_S} m/s in air, {} in water, {both} \
+             in both. Seed {seed} comes nearest and is drawn. Angles are between the direction of \
+             travel and the line from foot to mass; above 90 deg the foot is ahead.",
+            reach[0], reach[1],
         );
         for ((medium, _), gait) in MEDIA.iter().zip(&gaits) {
             let _ = match gait {
-                Some(gait) => write!(measured, " In {medium} {}.", gait.words()),
-                None => write!(measured, " In {medium} it falls under all gains that were tried."),
+                Some(gait) => write!(measured, " In {medium}: {}.", gait.summary()),
+                None => write!(measured, " In {medium} it falls with all gains that were tried."),
             };
         }
-        Ok(Made { svg: draw(&gaits)?, csv: table(&gaits), measured, claims })
+        Ok(RenderedFigure { svg: draw(&gaits)?, csv: table(&gaits), measured, claims })
     }
 }
 
@@ -89,41 +91,41 @@ fn seeds(extent: Extent) -> std::ops::Range<u64> {
 }
 
 /// A universal controller, and its gait in each of [`MEDIA`].
-struct Seed {
+struct SeedGaits {
     seed: u64,
     gaits: [Option<Gait>; 2],
 }
 
-impl Seed {
-    fn of(learnt: &Learnt) -> Self {
-        let frozen = learnt.actor();
+impl SeedGaits {
+    fn of(agent: &TrainedAgent) -> Self {
+        let frozen = agent.actor();
         let gaits = MEDIA.map(|(_, medium)| Gait::best(&frozen.actor(), medium));
-        Self { seed: learnt.seed, gaits }
+        Self { seed: agent.seed, gaits }
     }
 
     fn claims(&self) -> Vec<Claim> {
         claims(self.gaits.each_ref().map(Option::as_ref))
     }
 
-    fn goes_in(&self, medium: usize) -> bool {
-        self.gaits[medium].as_ref().is_some_and(|gait| gait.misses_by() <= NEAR_M_S)
+    fn reaches_in(&self, medium: usize) -> bool {
+        self.gaits[medium].as_ref().is_some_and(|gait| gait.deviation_m_s() <= NEAR_M_S)
     }
 
-    /// By how much it misses the speed asked for, m/s, over both media.
-    fn misses_by(&self) -> f64 {
-        self.gaits.iter().map(|gait| gait.as_ref().map_or(FALLS_M_S, Gait::misses_by)).sum()
+    /// Returns the sum of the deviations in both media, m/s.
+    fn deviation_m_s(&self) -> f64 {
+        self.gaits.iter().map(|gait| gait.as_ref().map_or(FALLS_M_S, Gait::deviation_m_s)).sum()
     }
 }
 
-/// Every seed's, the one that comes nearest to the speed asked for first.
-fn every_seed(shop: &Workshop) -> Result<Vec<Seed>, FiguresError> {
-    let mut all = seeds(shop.extent)
+/// Computes the gaits of every seed, the one nearest to the set-point first.
+fn every_seed(ctx: &FigureContext) -> Result<Vec<SeedGaits>, FiguresError> {
+    let mut all = seeds(ctx.extent)
         .collect::<Vec<_>>()
         .into_par_iter()
         .with_max_len(1)
-        .map(|seed| shop.training(Paper::Universal, seed).map(|learnt| Seed::of(&learnt)))
+        .map(|seed| ctx.training(PaperAgent::Universal, seed).map(|agent| SeedGaits::of(&agent)))
         .collect::<Result<Vec<_>, _>>()?;
-    all.sort_by(|a, b| a.misses_by().total_cmp(&b.misses_by()));
+    all.sort_by(|a, b| a.deviation_m_s().total_cmp(&b.deviation_m_s()));
     Ok(all)
 }
 
@@ -132,31 +134,33 @@ fn every_seed(shop: &Workshop) -> Result<Vec<Seed>, FiguresError> {
 struct Gait {
     gains: GainPoint,
     mean_vx_m_s: f64,
-    swing_m_s: f64,
-    /// The hops looked at.
+    amplitude_m_s: f64,
+    /// The evaluated hops.
     hops: Vec<Stride>,
 }
 
-/// One hop in full.
+/// One hop: path, foot, and leg at touchdown and lift-off.
 #[derive(Clone, Debug)]
-#[expect(clippy::struct_field_names, reason = "all are lengths, and say their unit")]
+#[expect(clippy::struct_field_names, reason = "all fields are lengths with their unit")]
 struct Stride {
-    /// Where the mass was, from the apex on: x and y, m.
+    /// Positions of the mass from the apex on: x and y, m.
     path_m: Vec<[f64; 2]>,
     foot_x_m: f64,
-    /// From foot to mass, at touchdown and at lift-off: x and y, m.
+    /// Vector from foot to mass at touchdown: x and y, m.
     touchdown_m: [f64; 2],
+    /// The same at lift-off.
     liftoff_m: [f64; 2],
 }
 
 impl Stride {
+    /// Returns touchdown and lift-off angle, deg.
     fn angles_deg(&self) -> [f64; 2] {
         [self.touchdown_m, self.liftoff_m].map(|[x, y]| libm::atan2(y, x).to_degrees())
     }
 }
 
 impl Gait {
-    /// The gait nearest to the speed asked for, over the gains.
+    /// Finds the gains whose gait is nearest to the set-point; `None` if all fall.
     fn best(actor: &Actor<'_>, medium: Medium) -> Option<Self> {
         let all = KI.into_iter().flat_map(|ki| FEED_FORWARD.map(|feed_forward| (ki, feed_forward)));
         let gaits = all.filter_map(|(ki, feed_forward)| {
@@ -170,47 +174,48 @@ impl Gait {
             };
             Self::of(actor, medium, gains)
         });
-        gaits.min_by(|a, b| a.misses_by().total_cmp(&b.misses_by()))
+        gaits.min_by(|a, b| a.deviation_m_s().total_cmp(&b.deviation_m_s()))
     }
 
     fn of(actor: &Actor<'_>, medium: Medium, gains: GainPoint) -> Option<Self> {
         let hopper = hopper(medium.density_ratio());
-        let flown = follow(actor, &hopper, gains, ASKED_M_S, START, HOPS);
-        let (mean_vx_m_s, swing_m_s) = mean_and_swing(&flown.last_vx_m_s(LOOKED_AT)?);
+        let run = run_cascade(actor, &hopper, gains, SET_POINT_M_S, START, HOPS);
+        let (mean_vx_m_s, amplitude_m_s) = mean_and_amplitude(&run.last_vx_m_s(EVALUATED)?);
         let mut x_m = 0.0;
-        let from = HOPS - LOOKED_AT;
-        let hops = flown.apexes[from..].iter().zip(&flown.actions[from..]).map(|(apex, action)| {
+        let from = HOPS - EVALUATED;
+        let hops = run.apexes[from..].iter().zip(&run.actions[from..]).map(|(apex, action)| {
             let stride = stride(x_m, *apex, *action, medium)?;
             x_m = stride.path_m.last()?[0];
             Some(stride)
         });
-        Some(Self { gains, mean_vx_m_s, swing_m_s, hops: hops.collect::<Option<_>>()? })
+        Some(Self { gains, mean_vx_m_s, amplitude_m_s, hops: hops.collect::<Option<_>>()? })
     }
 
-    fn misses_by(&self) -> f64 {
-        (self.mean_vx_m_s - f64::from(ASKED_M_S)).abs() + self.swing_m_s
+    /// Returns how far it is from a steady 1 m/s: error of the mean plus amplitude.
+    fn deviation_m_s(&self) -> f64 {
+        (self.mean_vx_m_s - f64::from(SET_POINT_M_S)).abs() + self.amplitude_m_s
     }
 
-    /// Mean touchdown and lift-off angle, deg.
+    /// Returns mean touchdown and mean lift-off angle, deg.
     fn angles_deg(&self) -> [f64; 2] {
         [0, 1].map(|i| {
             self.hops.iter().map(|hop| hop.angles_deg()[i]).sum::<f64>() / self.hops.len() as f64
         })
     }
 
-    /// Mean over the hops of how far the two angles are from mirror images, deg.
+    /// Returns the mean difference of the two angles from symmetric ones, deg.
     fn asymmetry_deg(&self) -> f64 {
         let each = |hop: &Stride| (hop.angles_deg().iter().sum::<f64>() - 180.0).abs();
         self.hops.iter().map(each).sum::<f64>() / self.hops.len() as f64
     }
 
-    fn words(&self) -> String {
+    fn summary(&self) -> String {
         let [touchdown, liftoff] = self.angles_deg();
         format!(
             "{:.3} ± {:.3} m/s (ki {}, feed-forward {}), touchdown at {touchdown:.1} deg, lift-off \
              at {liftoff:.1} deg, {:.1} deg from symmetric",
             self.mean_vx_m_s,
-            self.swing_m_s,
+            self.amplitude_m_s,
             self.gains.ki,
             self.gains.feed_forward,
             self.asymmetry_deg()
@@ -218,8 +223,7 @@ impl Gait {
     }
 }
 
-/// A hop of the apex map, step by step; none where the plants do not agree that
-/// there is a whole one.
+/// Plays a hop of the apex map step by step; `None` if either plant finds no whole hop.
 fn stride(x_m: f64, apex: Apex, action: Action, medium: Medium) -> Option<Stride> {
     let touchdown = hopper(medium.density_ratio()).hop(apex, action).touchdown?;
     let start = Body { x_m, vx_m_s: apex.vx_m_s, y_m: apex.y_m, vy_m_s: 0.0 };
@@ -263,16 +267,17 @@ fn stride(x_m: f64, apex: Apex, action: Action, medium: Medium) -> Option<Stride
 }
 
 fn claims([air, water]: [Option<&Gait>; 2]) -> Vec<Claim> {
-    let says = "One controller goes at 1 m/s in air and in water";
+    let statement = "One controller reaches 1 m/s in air and in water";
     let speed = |gait: Option<&Gait>| match gait {
-        Some(gait) => format!("{:.3} ± {:.3} m/s", gait.mean_vx_m_s, gait.swing_m_s),
+        Some(gait) => format!("{:.3} ± {:.3} m/s", gait.mean_vx_m_s, gait.amplitude_m_s),
         None => "it falls".to_owned(),
     };
-    let goes = [air, water].iter().flatten().filter(|gait| gait.misses_by() <= NEAR_M_S).count();
+    let reach =
+        [air, water].iter().flatten().filter(|gait| gait.deviation_m_s() <= NEAR_M_S).count();
     let both = Claim::new(
-        says,
+        statement,
         format!("in air {}, in water {}", speed(air), speed(water)),
-        [Verdict::Fails, Verdict::InPart, Verdict::Holds][goes],
+        [Verdict::Fails, Verdict::InPart, Verdict::Holds][reach],
     );
     let angles = |gait: &Gait| {
         let [touchdown, liftoff] = gait.angles_deg();
@@ -287,7 +292,7 @@ fn claims([air, water]: [Option<&Gait>; 2]) -> Vec<Claim> {
         Verdict::of(air.is_some_and(|gait| gait.asymmetry_deg() <= SAME_DEG)),
     );
     let acute = Claim::new(
-        "In water they are not: both are acute",
+        "In water both angles are acute",
         water.map_or_else(|| "it falls".to_owned(), angles),
         match water {
             Some(gait) if gait.angles_deg().iter().all(|angle| *angle < 90.0) => Verdict::Holds,
@@ -303,38 +308,25 @@ fn draw(gaits: &[Option<Gait>; 2]) -> Result<String, FiguresError> {
         let hops = gait.as_ref().map_or(&[][..], |gait| &gait.hops[..DRAWN]);
         let points: Vec<[f64; 2]> = hops.iter().flat_map(|hop| hop.path_m.clone()).collect();
         let path = points.iter().map(|[x, y]| (*x, *y)).collect();
-        let mut marks = vec![Mark::line(path, COLORS[0], "path of the mass")];
-        for (i, hop) in hops.iter().enumerate() {
-            let leg = |[x, y]: [f64; 2]| vec![(hop.foot_x_m, 0.0), (hop.foot_x_m + x, y)];
-            let labels = ["leg at touchdown", "leg at lift-off"]
-                .map(|label| (i == 0).then(|| label.to_owned()));
-            let [touchdown, liftoff] = labels;
-            let line = |points, color, label| Mark::Line { points, color, dashed: false, label };
-            marks.push(line(leg(hop.touchdown_m), COLORS[1], touchdown));
-            marks.push(line(leg(hop.liftoff_m), COLORS[2], liftoff));
-        }
-        // A metre each way also where there is nothing to draw.
-        let x = Axis::around("way, m", points.iter().map(|p| p[0]).chain([0.0, 1.0]));
+        let mut marks = vec![Mark::line(path, BLUE).label("path of the mass")];
+        let leg = |hop: &Stride, [x, y]: [f64; 2]| [(hop.foot_x_m, 0.0), (hop.foot_x_m + x, y)];
+        let touchdowns = hops.iter().map(|hop| leg(hop, hop.touchdown_m)).collect();
+        let liftoffs = hops.iter().map(|hop| leg(hop, hop.liftoff_m)).collect();
+        marks.push(Mark::segments(touchdowns, ORANGE).label("leg at touchdown"));
+        marks.push(Mark::segments(liftoffs, GREEN).label("leg at lift-off"));
+        // At least a metre across and up, even without a gait.
+        let x = Axis::around("distance, m", points.iter().map(|p| p[0]).chain([0.0, 1.0]));
         let y = Axis::around("height, m", points.iter().map(|p| p[1]).chain([0.0, 1.0]));
-        marks.push(Mark::Line {
-            points: vec![(x.range.start, 0.0), (x.range.end, 0.0)],
-            color: INK,
-            dashed: false,
-            label: None,
-        });
+        marks.push(Mark::line(vec![(x.range.start, 0.0), (x.range.end, 0.0)], INK));
         let title = match gait {
             Some(_) => (*medium).to_owned(),
             None => format!("{medium}: it falls"),
         };
         Panel { title, x, y, marks }
     });
-    let sheet = Sheet {
-        title: "Figure 13. Gaits of the universal controller at 1 m/s".into(),
-        note: "the first hops after convergence; apex to apex".into(),
-        rows: vec![panels.collect()],
-        row_px: 340,
-    };
-    Ok(sheet.draw()?)
+    let title = "Figure 13. Gaits of the universal controller at 1 m/s";
+    let note = "the first hops after convergence; apex to apex";
+    Ok(Sheet::new(title, note).row(280, panels.collect()).draw()?)
 }
 
 fn table(gaits: &[Option<Gait>; 2]) -> String {
@@ -357,7 +349,7 @@ fn table(gaits: &[Option<Gait>; 2]) -> String {
 mod tests {
     use super::*;
 
-    /// A gait with these angles, deg.
+    /// Returns a gait with these angles, deg.
     fn gait([touchdown, liftoff]: [f64; 2], mean_vx_m_s: f64) -> Gait {
         let at = |deg: f64| [libm::cos(deg.to_radians()), libm::sin(deg.to_radians())];
         let hop = Stride {
@@ -366,11 +358,16 @@ mod tests {
             touchdown_m: at(touchdown),
             liftoff_m: at(liftoff),
         };
-        Gait { gains: GainPoint::default(), mean_vx_m_s, swing_m_s: 0.0, hops: vec![hop; DRAWN] }
+        Gait {
+            gains: GainPoint::default(),
+            mean_vx_m_s,
+            amplitude_m_s: 0.0,
+            hops: vec![hop; DRAWN],
+        }
     }
 
     #[test]
-    fn claims_are_judged_by_the_angles() {
+    fn the_verdicts_follow_the_angles() {
         let verdicts = |air: Option<&Gait>, water: Option<&Gait>| -> Vec<Verdict> {
             claims([air, water]).into_iter().map(|claim| claim.verdict).collect()
         };
@@ -383,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stride_ends_where_the_apex_map_does() {
+    fn a_stride_ends_at_the_apex_of_the_apex_map() {
         let (apex, action) = (
             Apex { vx_m_s: 1.0, y_m: 2.0 },
             Action { touchdown_angle_rad: 1.65, elongation_speed_m_s: 0.2 },

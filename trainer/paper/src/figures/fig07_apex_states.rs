@@ -1,4 +1,4 @@
-//! Figure 7: states and actions at the apexes in water, in air, and in air after water.
+//! Figure 7: states and actions at the apexes in water, in air after water, and in air.
 
 use std::fmt::Write as _;
 
@@ -9,33 +9,34 @@ use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::agents::{Learnt, Paper, from, seeds};
-use crate::picture::{AUTHORS, Axis, COLORS, Mark, Panel, Sheet};
-use crate::study::flown::{Flown, START, authors_actor, fly};
-use crate::study::learning::quartiles;
-use crate::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
+use crate::agents::{CHOICE, PaperAgent, TrainedAgent, origin, seeds};
+use crate::analysis::apex_run::{ApexRun, START, authors_actor, run_policy};
+use crate::analysis::learning_curves::quartiles;
+use crate::{Claim, Extent, Figure, FigureContext, FiguresError, RenderedFigure, Verdict};
+use leg_charts::color::{BLACK, SERIES};
+use leg_charts::{Axis, Mark, Panel, Sheet};
 use trainer::evaluate::hopper;
 use trainer::evaluate::survival::draw_starts;
 use trainer::policy::PackedActor;
 use trainer::preset::{ACTION_HIGH, ACTION_LOW};
 
-/// Hops that are drawn.
+/// Number of hops that are drawn.
 const DRAWN: usize = 30;
-/// Velocities that are drawn, m/s: a run that flees must not flatten the others.
+/// Largest velocity that is drawn, m/s, so that a diverging run does not flatten the others.
 const DRAWN_M_S: f64 = 4.5;
-/// Hops that are flown from each of many starts, to see what they settle to.
+/// Number of hops from each of the starts that the statistics are over.
 const HOPS: usize = 60;
-/// A run has survived after this many, as in the paper's figure 11.
+/// Number of hops after which a run has survived, as in the paper's figure 11.
 const SURVIVED: usize = 30;
-/// What "near zero" is taken for, m/s: the authors' own agents end at 0.2.
+/// Velocity that counts as "near zero", m/s; the authors' own agents end at 0.2.
 const NEAR_M_S: f64 = 0.25;
-/// What "a few steps" is taken for.
+/// Number of hops that counts as "a few steps".
 const FEW: f64 = 10.0;
-/// Apex velocities that differ by less are the same, m/s.
+/// Apex velocities that differ by less than this are equal, m/s.
 const SAME_M_S: f64 = 1e-3;
-/// Longest cycle that is looked for.
+/// Longest cycle that is detected, in hops.
 const LONGEST_CYCLE: usize = 8;
-/// Starts beside [`START`] that are drawn.
+/// Starts that are drawn beside [`START`].
 const OTHERS: [Apex; 3] = [
     Apex { vx_m_s: -2.0, y_m: 1.5 },
     Apex { vx_m_s: 0.3, y_m: 3.0 },
@@ -54,71 +55,75 @@ impl Figure for Fig07 {
     }
 
     fn paper(&self) -> &'static str {
-        "In water the agent comes to hop in place within a few steps, its velocity almost zero. \
-         The agent trained on land alone takes a few steps and falls. The transferred agent hops \
-         on, in a bi-periodic cycle about zero, less exactly than in water. In water the agent \
-         elongates the leg as fast as it can, the transferred one on land as slowly as it can."
+        "In water the agent hops in place after a few steps, at almost zero velocity. The agent that \
+         is trained on land only takes a few steps and falls. The transferred agent keeps hopping \
+         in a bi-periodic cycle around zero, less exactly than in water. In water the agent \
+         elongates the leg as fast as possible; the transferred agent on land, as slowly as \
+         possible."
     }
 
     fn cost_s(&self, extent: Extent) -> f64 {
-        extent.of(17.0, 1.3) // Beside the trainings of figure 3.
+        extent.of(17.0, 1.3) // Without the trainings of figure 3.
     }
 
-    fn make(&self, shop: &Workshop) -> Result<Made, FiguresError> {
-        let transferred = shop.transferred()?;
-        let alone = shop.trainings(Paper::Air)?;
-        let pairs: Vec<(&Learnt, &Learnt)> = transferred.all.iter().zip(&alone).collect();
-        let all = each_seed(shop, &pairs)?;
+    fn render(&self, ctx: &FigureContext) -> Result<RenderedFigure, FiguresError> {
+        let transferred = ctx.transferred()?;
+        let alone = ctx.trainings(PaperAgent::Air)?;
+        let pairs: Vec<(&TrainedAgent, &TrainedAgent)> =
+            transferred.all.iter().zip(&alone).collect();
+        let all = stats_by_seed(ctx, &pairs)?;
         let shown = transferred.shown();
-        let air = alone.iter().find(|learnt| learnt.seed == shown.seed).expect("the same seeds");
-        let chosen = format!("drawn: {}, the transferred agent's", shown.seed);
-        shop.used("air alone", from(Paper::Air, &seeds(shop.extent), &chosen));
-        let theirs = |agent| authors_actor(shop.reference.as_ref(), agent);
+        let air = alone.iter().find(|agent| agent.seed == shown.seed).expect("the same seeds");
+        let chosen = format!("drawn: seed {}, as for the transferred agent", shown.seed);
+        ctx.note_policy("air alone", origin(PaperAgent::Air, &seeds(ctx.extent), &chosen));
+        let theirs = |agent| authors_actor(ctx.reference.as_ref(), agent);
         let cases = [
             Case::new("water", 1.0, shown.actor_after(0), theirs("water")?),
             Case::new("air after water", 0.0, shown.actor(), theirs("water_to_air")?),
             Case::new("air alone", 0.0, air.actor(), theirs("air")?),
         ];
-        let count = shop.extent.of(2_000, 400);
+        let count = ctx.extent.of(2_000, 400);
         let starts = draw_starts(count, &mut Pcg64::seed_from_u64(11));
-        let ours = cases.each_ref().map(|case| Habits::of(&case.ours.actor(), case.rho, &starts));
+        let ours =
+            cases.each_ref().map(|case| ApexStats::of(&case.ours.actor(), case.rho, &starts));
         let measured = format!(
-            "{} seeds; drawn is {}, which hops on from most starts in water and on land. The paper does not say where it starts: drawn from 1 m/s at 2 m \
-             and from three other starts; the figures are over {count} starts drawn as in training, \
-             {HOPS} hops each. {}",
+            "{} seeds; drawn is seed {}, {CHOICE}. The paper does not give its starts: the charts show \
+             1 m/s at 2 m and three others; the values below are over {count} random starts as in \
+             training, {HOPS} hops each. {}",
             pairs.len(),
             shown.seed,
-            cases.iter().zip(&ours).fold(String::new(), |text, (case, habits)| {
-                format!("{text}{}: {}. ", case.name, habits.words())
-            }) + &authors_words(&cases, &starts),
+            cases.iter().zip(&ours).fold(String::new(), |text, (case, stats)| {
+                format!("{text}{}: {}. ", case.name, stats.summary())
+            }) + &authors_summary(&cases, &starts),
         );
         let all: Vec<Vec<Claim>> = all.iter().map(claims).collect();
         let claims = Claim::over_seeds(&all, &claims(&ours));
-        Ok(Made { svg: draw(&cases)?, csv: table(&cases), measured, claims })
+        Ok(RenderedFigure { svg: draw(&cases)?, csv: table(&cases), measured, claims })
     }
 }
 
-/// The habits of every seed: in water, transferred, and on land alone.
-fn each_seed(
-    shop: &Workshop,
-    pairs: &[(&Learnt, &Learnt)],
-) -> Result<Vec<[Habits; 3]>, FiguresError> {
-    let count = shop.extent.of(400, 100);
-    let inputs = (Paper::WaterToAir.config_toml(), Paper::Air.config_toml(), pairs.len(), count);
-    shop.part("habits-by-seed", &inputs, shop.extent.of(15.0, 1.0), || {
+/// The stats of every seed: in water, transferred, and on land alone.
+fn stats_by_seed(
+    ctx: &FigureContext,
+    pairs: &[(&TrainedAgent, &TrainedAgent)],
+) -> Result<Vec<[ApexStats; 3]>, FiguresError> {
+    let count = ctx.extent.of(400, 100);
+    let inputs =
+        (PaperAgent::WaterToAir.config_toml(), PaperAgent::Air.config_toml(), pairs.len(), count);
+    ctx.cached("apex-stats-by-seed", &inputs, ctx.extent.of(15.0, 1.0), || {
         let starts = draw_starts(count, &mut Pcg64::seed_from_u64(11));
-        let habits = |(transferred, alone): &(&Learnt, &Learnt)| {
+        let stats = |(transferred, alone): &(&TrainedAgent, &TrainedAgent)| {
             [
-                Habits::of(&transferred.actor_after(0).actor(), 1.0, &starts),
-                Habits::of(&transferred.actor().actor(), 0.0, &starts),
-                Habits::of(&alone.actor().actor(), 0.0, &starts),
+                ApexStats::of(&transferred.actor_after(0).actor(), 1.0, &starts),
+                ApexStats::of(&transferred.actor().actor(), 0.0, &starts),
+                ApexStats::of(&alone.actor().actor(), 0.0, &starts),
             ]
         };
-        Ok(pairs.iter().map(habits).collect())
+        Ok(pairs.iter().map(stats).collect())
     })
 }
 
-/// A column: an agent in a medium.
+/// A column of panels: an agent in a medium.
 struct Case {
     name: &'static str,
     rho: f64,
@@ -131,11 +136,12 @@ impl Case {
         Self { name, rho, ours, theirs }
     }
 
-    /// What is drawn: whose, from where, the run.
-    fn runs(&self) -> Vec<(&'static str, Apex, Flown)> {
+    /// Computes the runs that are drawn: whose agent, the start, the run.
+    fn runs(&self) -> Vec<(&'static str, Apex, ApexRun)> {
         let run = |whose, frozen: &PackedActor, start| {
-            let flown = fly(&frozen.actor(), &hopper(self.rho), self.rho, start, DRAWN, |_| 0.0);
-            (whose, start, flown)
+            let run =
+                run_policy(&frozen.actor(), &hopper(self.rho), self.rho, start, DRAWN, |_| 0.0);
+            (whose, start, run)
         };
         let mut runs = vec![run("ours", &self.ours, START)];
         runs.extend(OTHERS.map(|start| run("ours", &self.ours, start)));
@@ -144,39 +150,39 @@ impl Case {
     }
 }
 
-/// What an agent does over many starts.
+/// Statistics of an agent over many starts.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-struct Habits {
-    /// Share that takes 5 hops, and [`SURVIVED`].
+struct ApexStats {
+    /// Shares of the starts from which it takes 5 hops, and [`SURVIVED`].
     takes: [f64; 2],
-    /// Median over survivors of the mean |v| over the last hops, m/s.
+    /// Median over survivors of the mean |v| of the last hops, m/s.
     abs_v_m_s: f64,
-    /// Median over survivors of the hops after which |v| stays near zero;
-    /// infinite where it does not.
+    /// Median over survivors of the number of hops after which |v| stays near zero;
+    /// infinite if it does not.
     hops_to_stop: f64,
-    /// Share of the survivors in a cycle of each length from 1.
+    /// Shares of the survivors in a cycle of each length, from 1.
     cycles: [f64; LONGEST_CYCLE],
-    /// Mean elongation speed, m/s, and shares of the hops at its lowest and highest.
+    /// Mean elongation speed, m/s, and shares of the hops at the lowest and the highest.
     elongation: [f64; 3],
 }
 
-impl Habits {
+impl ApexStats {
     fn of(actor: &Actor<'_>, rho: f64, starts: &[Apex]) -> Self {
         let hopper = hopper(rho);
-        let runs: Vec<Flown> = starts
+        let runs: Vec<ApexRun> = starts
             .par_iter()
-            .map(|&start| fly(actor, &hopper, rho, start, HOPS, |_| 0.0))
+            .map(|&start| run_policy(actor, &hopper, rho, start, HOPS, |_| 0.0))
             .collect();
         Self::from_runs(&runs)
     }
 
-    fn from_runs(runs: &[Flown]) -> Self {
+    fn from_runs(runs: &[ApexRun]) -> Self {
         let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
         let takes = [5, SURVIVED]
             .map(|hops| share(runs.iter().filter(|run| run.hops() >= hops).count(), runs.len()));
-        let standing: Vec<&Flown> = runs.iter().filter(|run| !run.fell).collect();
+        let standing: Vec<&ApexRun> = runs.iter().filter(|run| !run.fell).collect();
         let median = |values: Vec<f64>| quartiles(&mut { values })[1];
-        let last = |run: &Flown| {
+        let last = |run: &ApexRun| {
             let v = run.last_vx_m_s(2 * LONGEST_CYCLE).unwrap_or_default();
             v.iter().map(|v| v.abs()).sum::<f64>() / v.len().max(1) as f64
         };
@@ -196,18 +202,21 @@ impl Habits {
         }
     }
 
-    fn words(&self) -> String {
+    fn summary(&self) -> String {
         let [five, survived] = self.takes;
         let settles = match self.abs_v_m_s {
             v if v.is_finite() => format!("|v| settles at {v:.3} m/s"),
-            _ => format!("none takes {HOPS}"),
+            _ => format!("none takes {HOPS} hops"),
         };
-        format!("{survived:.3} of the starts take {SURVIVED} hops, {five:.3} take 5; {settles}")
+        format!(
+            "from {survived:.3} of the starts it takes {SURVIVED} hops, from {five:.3} it takes 5; {settles}"
+        )
     }
 }
 
-/// Hops after which the velocity stays near zero.
-fn hops_to_stop(run: &Flown) -> f64 {
+/// Returns the number of hops after which the velocity stays near zero; infinite if it does
+/// not.
+fn hops_to_stop(run: &ApexRun) -> f64 {
     match run.apexes.iter().rposition(|apex| apex.vx_m_s.abs() > NEAR_M_S) {
         None => 0.0,
         Some(last) if last + 1 < run.apexes.len() => (last + 1) as f64,
@@ -215,23 +224,23 @@ fn hops_to_stop(run: &Flown) -> f64 {
     }
 }
 
-/// The length of the cycle that a run ends in, if it ends in one.
-fn period(run: &Flown) -> Option<usize> {
+/// Returns the length of the cycle that a run ends in, if it ends in one.
+fn period(run: &ApexRun) -> Option<usize> {
     let v = run.last_vx_m_s(2 * LONGEST_CYCLE)?;
     let same = |p: &usize| v.iter().zip(&v[*p..]).all(|(a, b)| (a - b).abs() < SAME_M_S);
     (1..=LONGEST_CYCLE).find(same)
 }
 
-fn authors_words(cases: &[Case; 3], starts: &[Apex]) -> String {
+fn authors_summary(cases: &[Case; 3], starts: &[Apex]) -> String {
     let words = cases.iter().filter_map(|case| {
         let theirs = case.theirs.as_ref()?;
-        let habits = Habits::of(&theirs.actor(), case.rho, starts);
-        Some(format!("The authors' agent, {}: {}. ", case.name, habits.words()))
+        let stats = ApexStats::of(&theirs.actor(), case.rho, starts);
+        Some(format!("The authors' agent, {}: {}. ", case.name, stats.summary()))
     });
     words.collect()
 }
 
-fn claims([water, transferred, air]: &[Habits; 3]) -> Vec<Claim> {
+fn claims([water, transferred, air]: &[ApexStats; 3]) -> Vec<Claim> {
     let graded = |all: bool, some: bool| match (all, some) {
         (true, _) => Verdict::Holds,
         (false, true) => Verdict::InPart,
@@ -244,22 +253,22 @@ fn claims([water, transferred, air]: &[Habits; 3]) -> Vec<Claim> {
     let [slow, fast] = [transferred.elongation, water.elongation];
     vec![
         Claim::new(
-            "In water the agent hops in place after a few steps, its velocity almost zero",
+            "In water the agent hops in place after a few steps, at almost zero velocity",
             if water.abs_v_m_s.is_finite() {
                 format!(
-                    "{:.3} of the starts take {SURVIVED} hops; |v| stays below {NEAR_M_S} m/s from \
+                    "from {:.3} of the starts it takes {SURVIVED} hops; |v| stays below {NEAR_M_S} m/s from \
                      hop {:.0} on (median) and settles at {:.3} m/s",
                     water.takes[1], water.hops_to_stop, water.abs_v_m_s
                 )
             } else {
-                water.words()
+                water.summary()
             },
             graded(stops && water.takes[1] >= 0.95, stops || water.takes[1] >= 0.95),
         ),
         Claim::new(
-            "Trained on land alone, it takes a few steps, but is not stable",
+            "The agent trained on land only takes a few steps, but is not stable",
             format!(
-                "{:.3} of the starts take 5 hops, {:.3} take {SURVIVED}",
+                "from {:.3} of the starts it takes 5 hops, from {:.3} it takes {SURVIVED}",
                 air.takes[0], air.takes[1]
             ),
             Verdict::of(air.takes[1] < 0.5),
@@ -267,9 +276,9 @@ fn claims([water, transferred, air]: &[Habits; 3]) -> Vec<Claim> {
         Claim::new(
             "The transferred agent is stable on land, in a bi-periodic cycle near zero",
             format!(
-                "{:.3} of the starts take {SURVIVED} hops; |v| settles at {:.3} m/s; of what still \
-                 hops after {HOPS}, {even:.2} in a cycle of two, {:.2} of one, {:.2} of three to \
-                 {LONGEST_CYCLE}",
+                "from {:.3} of the starts it takes {SURVIVED} hops; |v| settles at {:.3} m/s; of the \
+                 runs that survive {HOPS} hops, {even:.2} end in a cycle of two hops, {:.2} of one, \
+                 {:.2} of three to {LONGEST_CYCLE}",
                 transferred.takes[1],
                 transferred.abs_v_m_s,
                 transferred.cycles[0],
@@ -278,7 +287,7 @@ fn claims([water, transferred, air]: &[Habits; 3]) -> Vec<Claim> {
             graded(stable && near && even >= 0.5, stable),
         ),
         Claim::new(
-            "It comes less near zero than the agent in water",
+            "Its velocity is farther from zero than that of the agent in water",
             format!("{:.3} m/s against {:.3} m/s", transferred.abs_v_m_s, water.abs_v_m_s),
             Verdict::of(transferred.abs_v_m_s > water.abs_v_m_s),
         ),
@@ -295,8 +304,8 @@ fn claims([water, transferred, air]: &[Habits; 3]) -> Vec<Claim> {
     ]
 }
 
-/// A quantity of a run that is drawn: its name, and its values.
-type Quantity = (&'static str, fn(&Flown) -> Vec<f64>);
+/// A quantity that is drawn: its name, and its values over a run.
+type Quantity = (&'static str, fn(&ApexRun) -> Vec<f64>);
 
 const QUANTITIES: [Quantity; 4] = [
     ("velocity, m/s", |run| run.apexes.iter().map(|a| a.vx_m_s).collect()),
@@ -310,6 +319,7 @@ const QUANTITIES: [Quantity; 4] = [
 fn draw(cases: &[Case; 3]) -> Result<String, FiguresError> {
     let drawn = cases.each_ref().map(|case| (case.name, case.runs()));
     let rows = QUANTITIES.iter().enumerate().map(|(row, (name, values))| {
+        let is_last = row + 1 == QUANTITIES.len();
         let all = drawn.iter().flat_map(|(_, runs)| runs).flat_map(|(_, _, run)| values(run));
         let y = match row {
             2 => Axis::new(name, f64::from(ACTION_LOW[0]).to_degrees()..155.0),
@@ -317,39 +327,33 @@ fn draw(cases: &[Case; 3]) -> Result<String, FiguresError> {
             0 => Axis::new(name, -DRAWN_M_S..DRAWN_M_S),
             _ => Axis::around(name, all),
         };
-        let panel = |(title, runs): &(&str, Vec<(&str, Apex, Flown)>)| Panel {
+        let panel = |(title, runs): &(&str, Vec<(&str, Apex, ApexRun)>)| Panel {
             title: if row == 0 { (*title).to_owned() } else { String::new() },
-            x: Axis::new("apex", 0.0..DRAWN as f64),
+            x: Axis::new(if is_last { "apex" } else { "" }, 0.0..DRAWN as f64),
             y: y.clone(),
             marks: runs.iter().enumerate().map(|(i, run)| line(i, run, *values, row)).collect(),
         };
         drawn.iter().map(panel).collect()
     });
-    let sheet = Sheet {
-        title: "Figure 7. States and actions at the apexes".into(),
-        note: "from 1 m/s at 2 m and three other starts; a line ends where the leg falls".into(),
-        rows: rows.collect(),
-        row_px: 190,
-    };
-    Ok(sheet.draw()?)
+    let title = "Figure 7. States and actions at the apexes";
+    let note = "from 1 m/s at 2 m and three other starts; a line ends where the leg falls";
+    Ok(Sheet::new(title, note).shared_legend().rows(130, rows.collect()).draw()?)
 }
 
 fn line(
     index: usize,
-    (whose, start, run): &(&str, Apex, Flown),
-    values: fn(&Flown) -> Vec<f64>,
+    (whose, start, run): &(&str, Apex, ApexRun),
+    values: fn(&ApexRun) -> Vec<f64>,
     row: usize,
 ) -> Mark {
     let within = |v: f64| if row == 0 && v.abs() > DRAWN_M_S { f64::NAN } else { v };
     let points = values(run).into_iter().enumerate().map(|(i, v)| (i as f64, within(v))).collect();
     let theirs = *whose == "authors";
-    let label = match (row, theirs) {
-        (0, true) => Some("the authors' agent, from the first".to_owned()),
-        (0, false) => Some(format!("from {} m/s, {} m", start.vx_m_s, start.y_m)),
-        _ => None,
-    };
-    let color = if theirs { AUTHORS } else { COLORS[index] };
-    Mark::Line { points, color, dashed: theirs, label }
+    if theirs {
+        return Mark::line(points, BLACK).dashed().label("the authors' agent, from the first");
+    }
+    let label = format!("from {} m/s, {} m", start.vx_m_s, start.y_m);
+    Mark::line(points, SERIES[index]).label(label)
 }
 
 fn table(cases: &[Case; 3]) -> String {
@@ -383,17 +387,17 @@ mod tests {
     use super::*;
     use leg_plant::Action;
 
-    /// A run with these velocities over and over, after one that is fast.
-    fn run(cycle: &[f64], elongation_speed_m_s: f64, fell: bool) -> Flown {
+    /// Returns a run that repeats these velocities, after a fast first apex.
+    fn run(cycle: &[f64], elongation_speed_m_s: f64, fell: bool) -> ApexRun {
         let v = std::iter::once(3.0).chain(cycle.iter().copied().cycle().take(HOPS));
         let apexes: Vec<Apex> = v.map(|vx_m_s| Apex { vx_m_s, y_m: 2.0 }).collect();
         let apexes = if fell { apexes[..4].to_vec() } else { apexes };
         let actions = vec![Action { touchdown_angle_rad: 1.5, elongation_speed_m_s }; apexes.len()];
-        Flown { apexes, actions, fell }
+        ApexRun { apexes, actions, fell }
     }
 
     #[test]
-    fn cycles_are_told_apart() {
+    fn detects_the_length_of_a_cycle() {
         assert_eq!(period(&run(&[0.1], 0.0, false)), Some(1));
         assert_eq!(period(&run(&[0.1, -0.1], 0.0, false)), Some(2));
         assert_eq!(period(&run(&[0.1, -0.1, 0.2], 0.0, false)), Some(3));
@@ -403,8 +407,8 @@ mod tests {
     }
 
     #[test]
-    fn claims_hold_only_for_what_does_so() {
-        let of = |run: Flown| Habits::from_runs(&[run]);
+    fn claims_hold_for_agents_as_the_paper_describes_them_and_fail_for_others() {
+        let of = |run: ApexRun| ApexStats::from_runs(&[run]);
         let as_said = claims(&[
             of(run(&[0.01], 2.0, false)),
             of(run(&[0.1, -0.1], 0.0, false)),

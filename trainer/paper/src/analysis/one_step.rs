@@ -1,5 +1,5 @@
-//! Stopping in one step: the actions that do it, by the paper's pattern search
-//! and by a finer search that misses little.
+//! The actions that stop in one step, by the paper's pattern search and by a finer
+//! search.
 
 use leg_plant::{Action, Apex, Hopper};
 use serde::{Deserialize, Serialize};
@@ -7,24 +7,24 @@ use serde::{Deserialize, Serialize};
 use super::landscape::{Plane, bounds};
 use trainer::environment::LOWEST_APEX_M;
 
-/// A step that leaves less speed than this is a stop, m/s.
+/// A step that ends at less than this speed is a stop, m/s.
 pub(crate) const STOP_M_S: f64 = 0.01;
-/// Where the pattern search gives up, in parts of the plane.
+/// Step at which the pattern search ends, as a share of the plane.
 const FINEST: f64 = 1e-6;
-/// Bisections of a bracket: to 1e-8 rad.
+/// Number of bisections of a bracket: to 1e-8 rad.
 const BISECTIONS: usize = 20;
-/// Angles tried at one elongation speed.
+/// Number of angles tried at one elongation speed.
 const ANGLES: usize = 200;
 
-/// An action and the speed that it leaves; infinite where it ends in a fall or
-/// in an apex below 1 m, after which no other step follows.
+/// An action, and the speed at the next apex. The speed is infinite if the step ends in a
+/// fall or in an apex below 1 m, from which no other step follows.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Tried {
+pub(crate) struct TriedAction {
     /// Touchdown angle, rad.
     pub(crate) touchdown_angle_rad: f64,
     /// Elongation speed, m/s.
     pub(crate) elongation_speed_m_s: f64,
-    /// What is left of the speed, m/s.
+    /// Speed at the next apex, m/s.
     pub(crate) speed_m_s: f64,
 }
 
@@ -33,12 +33,12 @@ pub(crate) struct Tried {
 pub(crate) struct Step {
     /// The leg in its medium.
     pub(crate) hopper: Hopper,
-    /// Where it starts.
+    /// The apex before the step.
     pub(crate) start: Apex,
 }
 
 impl Step {
-    /// The velocity at the next apex, if that is one to go on from.
+    /// Returns the velocity at the next apex, m/s, or `None` if no other step follows.
     pub(crate) fn velocity(
         &self,
         touchdown_angle_rad: f64,
@@ -52,16 +52,16 @@ impl Step {
         (next.y_m >= LOWEST_APEX_M).then_some(next.vx_m_s)
     }
 
-    pub(crate) fn tried(&self, touchdown_angle_rad: f64, elongation_speed_m_s: f64) -> Tried {
+    pub(crate) fn tried(&self, touchdown_angle_rad: f64, elongation_speed_m_s: f64) -> TriedAction {
         let speed_m_s = self
             .velocity(touchdown_angle_rad, elongation_speed_m_s)
             .map_or(f64::INFINITY, f64::abs);
-        Tried { touchdown_angle_rad, elongation_speed_m_s, speed_m_s }
+        TriedAction { touchdown_angle_rad, elongation_speed_m_s, speed_m_s }
     }
 
-    /// Pattern search: from a place in the plane, 0 to 1 on both axes, a step
-    /// that doubles after each success and halves after each failure.
-    pub(crate) fn pattern_search(&self, from: [f64; 2], mut mesh: f64) -> Tried {
+    /// Runs a pattern search from a place in the plane, 0 to 1 on both axes. Its step
+    /// doubles after each success and halves after each failure.
+    pub(crate) fn pattern_search(&self, from: [f64; 2], mut mesh: f64) -> TriedAction {
         let [alpha, rs] = bounds();
         let at = |[a, s]: [f64; 2]| {
             let along = |part: f64, low: f64, high: f64| low + part * (high - low);
@@ -85,9 +85,9 @@ impl Step {
         best
     }
 
-    /// The angles that stop at one elongation speed: wherever the velocity
-    /// changes its sign between neighbouring angles, by bisection.
-    pub(crate) fn stops_at(&self, elongation_speed_m_s: f64) -> Vec<Tried> {
+    /// Finds the angles that stop at one elongation speed, by bisection wherever the
+    /// velocity changes its sign between neighbouring angles.
+    pub(crate) fn stops_at(&self, elongation_speed_m_s: f64) -> Vec<TriedAction> {
         let [range, _] = bounds();
         let angle = |i: usize| range.start + i as f64 / ANGLES as f64 * (range.end - range.start);
         let tried: Vec<Option<f64>> =
@@ -109,23 +109,24 @@ impl Step {
                 .map(|touchdown_angle_rad| self.tried(touchdown_angle_rad, elongation_speed_m_s));
             if b.speed_m_s < a.speed_m_s { b } else { a }
         });
-        // Where the velocity jumps over 0, nothing stops.
+        // A velocity that jumps over 0 has no stop.
         roots.filter(|tried| tried.speed_m_s < STOP_M_S).collect()
     }
 
-    /// The actions that are best: all stops on a grid of elongation speeds; or,
-    /// where none stops, the one that leaves the least speed, found by pattern
-    /// search from the best cells of a grid. Empty where every action falls.
-    pub(crate) fn best(&self, grid: Plane) -> Vec<Tried> {
+    /// Finds the best actions: all stops on a grid of elongation speeds, or, if none
+    /// stops, the action with the least speed, by pattern search from the best cells of
+    /// the grid. Returns nothing if every action falls.
+    pub(crate) fn best(&self, grid: Plane) -> Vec<TriedAction> {
         let [_, rs] = bounds();
         let last = (grid.speeds - 1) as f64;
         let speed = |i: usize| rs.start + i as f64 / last * (rs.end - rs.start);
-        let stops: Vec<Tried> = (0..grid.speeds).flat_map(|i| self.stops_at(speed(i))).collect();
+        let stops: Vec<TriedAction> =
+            (0..grid.speeds).flat_map(|i| self.stops_at(speed(i))).collect();
         if !stops.is_empty() {
             return stops;
         }
         let [alpha, rs] = bounds();
-        let mut cells: Vec<Tried> = grid
+        let mut cells: Vec<TriedAction> = grid
             .actions()
             .map(|action| self.tried(action.touchdown_angle_rad, action.elongation_speed_m_s))
             .collect();
@@ -141,9 +142,13 @@ impl Step {
     }
 }
 
-/// How far an action lies from the nearest of a set, in parts of the plane:
-/// 1 is from end to end of an axis. NaN where the set is empty.
-pub(crate) fn distance(touchdown_angle_rad: f64, elongation_speed_m_s: f64, set: &[Tried]) -> f64 {
+/// Returns the distance of an action from the nearest of a set, as a share of the plane:
+/// 1 is from end to end of an axis. NaN if the set is empty.
+pub(crate) fn distance(
+    touchdown_angle_rad: f64,
+    elongation_speed_m_s: f64,
+    set: &[TriedAction],
+) -> f64 {
     let [alpha, rs] = bounds();
     let each = set.iter().map(|best| {
         let across = (touchdown_angle_rad - best.touchdown_angle_rad) / (alpha.end - alpha.start);
@@ -157,7 +162,7 @@ mod tests {
     use std::f64::consts::FRAC_PI_2;
 
     use super::*;
-    use crate::study::landscape::hopper;
+    use crate::analysis::landscape::hopper;
 
     fn step(density: f64, vx_m_s: f64, y_m: f64) -> Step {
         Step { hopper: hopper(density), start: Apex { vx_m_s, y_m } }
@@ -166,7 +171,7 @@ mod tests {
     const GRID: Plane = Plane { angles: 40, speeds: 5 };
 
     #[test]
-    fn from_rest_the_upright_leg_stops_and_both_searches_find_it() {
+    fn both_searches_find_that_the_upright_leg_stops_from_rest() {
         for density in [0.0, 1.0] {
             let step = step(density, 0.0, 1.5);
             let stops = step.best(GRID);
@@ -180,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_stops_when_it_is_stepped_and_its_neighbours_do_not() {
+    fn a_stop_that_was_found_stops_and_its_neighbours_do_not() {
         let step = step(0.0, 1.0, 2.0);
         let stops = step.stops_at(0.0);
         assert!(!stops.is_empty());
@@ -194,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn where_nothing_stands_there_is_no_best_action() {
+    fn finds_no_best_action_if_every_action_falls() {
         // In air, at 1 km/s from 1 m: the leg catches nothing that goes up again.
         let hopeless = step(0.0, 1e3, 1.0);
         assert!(hopeless.best(GRID).is_empty());
@@ -202,15 +207,15 @@ mod tests {
     }
 
     #[test]
-    fn distances_are_in_parts_of_the_plane() {
+    fn measures_distances_as_shares_of_the_plane() {
         let [alpha, rs] = bounds();
-        let corner = Tried {
+        let corner = TriedAction {
             touchdown_angle_rad: alpha.start,
             elongation_speed_m_s: rs.start,
             speed_m_s: 0.0,
         };
         assert!((distance(alpha.end, rs.start, &[corner]) - 1.0).abs() < 1e-12);
-        let other = Tried { elongation_speed_m_s: rs.end, ..corner };
+        let other = TriedAction { elongation_speed_m_s: rs.end, ..corner };
         assert!((distance(alpha.start, 0.75 * rs.end, &[corner, other]) - 0.25).abs() < 1e-12);
     }
 }

@@ -1,8 +1,8 @@
-//! The report: one page that needs nothing beside it.
+//! The report: one HTML page without external files.
 
 use std::fmt::Write as _;
 
-use super::{Claim, Figure, Made, Verdict};
+use super::{Claim, Figure, RenderedFigure, Verdict};
 
 const STYLE: &str = "\
 body{max-width:1040px;margin:2em auto;padding:0 1em;font:16px/1.5 system-ui,sans-serif;color:#262c38}\
@@ -15,12 +15,12 @@ td,th{border-bottom:1px solid #e2e5ec;padding:.35em .6em;text-align:left;vertica
 td[class]{white-space:nowrap}\
 .paper{color:#5a606c}pre{background:#f5f6f9;padding:.8em;overflow:auto;font-size:.85em}";
 
-/// A row of the provenance: what, and from where.
-pub(super) type Provenance = (String, String);
-
-/// The page, as HTML.
+/// Returns the report as HTML. `provenance` holds rows of what, and value.
 #[must_use]
-pub fn page(figures: &[(&dyn Figure, &Made)], provenance: &[Provenance]) -> String {
+pub fn report(
+    figures: &[(&dyn Figure, RenderedFigure)],
+    provenance: &[(String, String)],
+) -> String {
     let mut html = String::from(
         "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
          <meta name=\"viewport\" content=\"width=device-width\">\
@@ -28,14 +28,14 @@ pub fn page(figures: &[(&dyn Figure, &Made)], provenance: &[Provenance]) -> Stri
     );
     let _ = write!(html, "<style>{STYLE}</style></head><body>");
     html += "<h1>Learning to stop: the paper's figures, computed anew</h1>\
-             <p>Every figure below comes from this repository's own plant, trainer and controller; \
-             where the authors' published data is at hand (doi 10.5281/zenodo.4607469), it is drawn \
-             beside ours. Each claim of the paper is put to the test.</p>";
+             <p>Every figure below comes from this repository's own plant, trainer and controller. \
+             If the authors' published data is available (doi 10.5281/zenodo.4607469), it is drawn \
+             beside ours. Each claim of the paper is stated, measured and judged.</p>";
     overview(&mut html, figures);
-    for (figure, made) in figures {
-        section(&mut html, *figure, made);
+    for (figure, rendered) in figures {
+        section(&mut html, *figure, rendered);
     }
-    html += "<h2>Where it comes from</h2><table>";
+    html += "<h2>How this report was made</h2><table>";
     for (what, value) in provenance {
         let _ = write!(html, "<tr><td>{}</td><td>{}</td></tr>", escape(what), escape(value));
     }
@@ -43,50 +43,51 @@ pub fn page(figures: &[(&dyn Figure, &Made)], provenance: &[Provenance]) -> Stri
     html
 }
 
-/// Every claim and its verdict.
-fn overview(html: &mut String, figures: &[(&dyn Figure, &Made)]) {
-    let verdicts = figures.iter().flat_map(|(_, made)| &made.claims).map(|claim| claim.verdict);
+/// Adds a table of every claim and its verdict.
+fn overview(html: &mut String, figures: &[(&dyn Figure, RenderedFigure)]) {
+    let verdicts =
+        figures.iter().flat_map(|(_, rendered)| &rendered.claims).map(|claim| claim.verdict);
     let (mut holds, mut all) = (0, 0);
     for verdict in verdicts {
         all += 1;
         holds += usize::from(verdict == Verdict::Holds);
     }
     let _ = write!(html, "<h2>{holds} of {all} claims hold</h2><table>");
-    for (figure, made) in figures {
-        for Claim { says, verdict, .. } in &made.claims {
+    for (figure, rendered) in figures {
+        for Claim { statement, verdict, .. } in &rendered.claims {
             let _ = write!(
                 html,
                 "<tr><td><a href=\"#{0}\">{0}</a></td><td>{1}</td><td class=\"{2}\">{3}</td></tr>",
                 figure.id(),
-                escape(says),
+                escape(statement),
                 class(*verdict),
-                verdict.words(),
+                verdict.text(),
             );
         }
     }
     *html += "</table>";
 }
 
-/// A figure: what the paper says, what was measured, whether it holds.
-fn section(html: &mut String, figure: &dyn Figure, made: &Made) {
+/// Adds a figure: the paper's report, our measurements, the charts, and the verdicts.
+fn section(html: &mut String, figure: &dyn Figure, rendered: &RenderedFigure) {
     let _ = write!(
         html,
-        "<h2 id=\"{0}\">{1}</h2><p class=\"paper\">The paper: {2}</p><p>Measured: {3}</p>\
+        "<h2 id=\"{0}\">{1}</h2><p class=\"paper\"><b>The paper.</b> {2}</p><p><b>Measured.</b> {3}</p>\
          <figure style=\"margin:0\">{4}</figure><table>",
         figure.id(),
         escape(&heading(figure)),
         escape(figure.paper()),
-        escape(&made.measured),
-        made.svg,
+        escape(&rendered.measured),
+        rendered.svg,
     );
-    for Claim { says, measured, verdict } in &made.claims {
+    for Claim { statement, measured, verdict } in &rendered.claims {
         let _ = write!(
             html,
             "<tr><td>{}</td><td>{}</td><td class=\"{}\">{}</td></tr>",
-            escape(says),
+            escape(statement),
             escape(measured),
             class(*verdict),
-            verdict.words(),
+            verdict.text(),
         );
     }
     let _ = write!(

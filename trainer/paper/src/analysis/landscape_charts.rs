@@ -1,22 +1,23 @@
-//! The landscapes as a picture and a table: of the first starts the planes, of
-//! all starts the numbers.
+//! Charts and table of the landscapes: the planes of the first starts, and the statistics
+//! of all starts.
 
 use std::fmt::Write as _;
 
-use super::landscape::{Objective, Plane, Transition, bounds, hops, over, starts};
-use crate::picture::{Axis, COLORS, Mark, Panel, Sheet};
+use super::landscape::{Objective, Plane, Transition, bounds, hops, mean_over, starts};
 use crate::{Extent, FiguresError};
+use leg_charts::color::SERIES;
+use leg_charts::{Axis, Mark, Panel, Sheet};
 
-/// Media drawn, from water to air.
+/// Density ratios that are drawn, from water to air.
 const DRAWN: [f64; 6] = [1.0, 0.8, 0.6, 0.4, 0.2, 0.0];
-/// Rewards at the ends of the scale; above, a step is within 1 cm/s.
+/// Rewards at the ends of the scale; a reward of 2 is a step within 1 cm/s.
 const SCALE: std::ops::Range<f64> = 0.0..2.0;
-/// Panels side by side.
+/// Number of panels in a row.
 const ACROSS: usize = 3;
 
-/// The picture and its table: what is drawn, and the numbers of `own` starts
-/// beside those of an `other` objective.
-pub(crate) fn sheet(
+/// Returns SVG and CSV: the planes of the objective, and the statistics of its transitions
+/// beside those of another objective.
+pub(crate) fn draw_with_table(
     title: &str,
     extent: Extent,
     objective: &Objective,
@@ -38,64 +39,58 @@ pub(crate) fn sheet(
                 title: format!("ρ = {density}; start {:.2} m/s, {:.2} m", start.vx_m_s, start.y_m),
                 x: Axis::new("elongation speed, m/s", rs.clone()),
                 y: Axis::new("touchdown angle, rad", alpha.clone()),
-                marks: vec![Mark::Cells {
-                    x: rs,
-                    y: alpha,
-                    columns: plane.speeds,
-                    values: rewards,
-                    scale: SCALE,
-                    label: "reward".into(),
-                }],
+                marks: vec![Mark::cells((rs, alpha), plane.speeds, rewards, SCALE, "reward")],
             });
         }
     }
     let mut rows: Vec<Vec<Panel>> = panels.chunks(ACROSS).map(<[Panel]>::to_vec).collect();
-    rows.push(numbers(own, other));
+    rows.push(statistics(own, other));
     for (name, transitions) in [own, other] {
         for (i, transition) in transitions.iter().enumerate() {
-            write_numbers(&mut csv, name, i, transition);
+            write_statistics(&mut csv, name, i, transition);
         }
     }
-    let note = "reward of one step for every action; a fall has none; below, means over all starts";
-    let sheet = Sheet { title: title.to_owned(), note: note.to_owned(), rows, row_px: 240 };
-    Ok((sheet.draw()?, csv))
+    let note = "reward of one step for every action; a fall has no reward; last row: means over all starts";
+    Ok((Sheet::new(title, note).rows(170, rows).draw()?, csv))
 }
 
-fn numbers(own: (&str, &[Transition]), other: (&str, &[Transition])) -> Vec<Panel> {
-    type Number = fn(&Transition, usize) -> f64;
-    let kinds: [(&str, Number, bool); 3] = [
-        ("share of actions with a high reward", |t, i| t.looks[i].high, false),
+fn statistics(own: (&str, &[Transition]), other: (&str, &[Transition])) -> Vec<Panel> {
+    type Statistic = fn(&Transition, usize) -> f64;
+    let kinds: [(&str, Statistic, bool); 3] = [
+        ("share of actions with a high reward", |t, i| t.stats[i].high, false),
         ("change of the reward to the next density", |t, i| t.changes[i], true),
-        ("correlation with the next density", |t, i| t.likeness[i], true),
+        ("correlation with the next density", |t, i| t.correlations[i], true),
     ];
-    let panel = |(title, number, between): (&str, Number, bool)| {
+    let panel = |(title, number, between): (&str, Statistic, bool)| {
         let curves = [own, other].map(|(name, transitions)| {
             let grid = &transitions[0].densities;
             let points: Vec<(f64, f64)> = (0..grid.len() - usize::from(between))
                 .map(|i| {
                     let at = if between { f64::midpoint(grid[i], grid[i + 1]) } else { grid[i] };
-                    (at, over(transitions, |t| number(t, i)))
+                    (at, mean_over(transitions, |t| number(t, i)))
                 })
                 .collect();
             (name, points)
         });
         let values = curves.iter().flat_map(|(_, points)| points.iter().map(|(_, y)| *y));
         let y = Axis::around("", values);
-        let marks = curves.into_iter().zip(COLORS);
+        let marks = curves.into_iter().zip(SERIES);
         Panel {
             title: title.to_owned(),
             x: Axis::new("density ratio (1 water, 0 air)", 0.0..1.0),
             y,
-            marks: marks.map(|((name, points), color)| Mark::line(points, color, name)).collect(),
+            marks: marks
+                .map(|((name, points), color)| Mark::line(points, color).label(name))
+                .collect(),
         }
     };
     kinds.map(panel).into()
 }
 
-fn write_numbers(csv: &mut String, name: &str, start: usize, transition: &Transition) {
-    // Without the word on which figure it is from.
+fn write_statistics(csv: &mut String, name: &str, start: usize, transition: &Transition) {
+    // The name without the note on the figure.
     let name = name.split(',').next().unwrap_or(name).replace(' ', "_");
-    for (i, (density, look)) in transition.densities.iter().zip(&transition.looks).enumerate() {
+    for (i, (density, look)) in transition.densities.iter().zip(&transition.stats).enumerate() {
         let mut row = |quantity: &str, value: f64| {
             let _ = writeln!(csv, "{name}:{quantity},{start},{density:.2},,,{value}");
         };
@@ -104,11 +99,11 @@ fn write_numbers(csv: &mut String, name: &str, start: usize, transition: &Transi
         row("largest_piece_share", look.largest);
         row("slope_per_0.1_rad", look.slope);
         row("variance_by_angle", look.by_angle);
-        if let (Some(change), Some(likeness)) =
-            (transition.changes.get(i), transition.likeness.get(i))
+        if let (Some(change), Some(correlations)) =
+            (transition.changes.get(i), transition.correlations.get(i))
         {
             row("change_to_next", *change);
-            row("correlation_with_next", *likeness);
+            row("correlation_with_next", *correlations);
         }
     }
 }

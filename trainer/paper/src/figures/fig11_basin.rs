@@ -1,4 +1,4 @@
-//! Figure 11: the basin of attraction of the transferred agent, over other bodies.
+//! Figure 11: the basin of attraction of the transferred agent with other bodies.
 
 use std::fmt::Write as _;
 
@@ -8,26 +8,29 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
-use crate::picture::{AUTHORS, Axis, COLORS, Mark, Panel, Sheet};
-use crate::study::body::Plane;
-use crate::study::flown::{authors_actor, fly, identity, other_leg};
-use crate::study::learning::quartiles;
-use crate::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
+use crate::agents::CHOICE;
+use crate::analysis::apex_run::{authors_actor, identity, leg_with, run_policy};
+use crate::analysis::bodies::Plane;
+use crate::analysis::learning_curves::quartiles;
+use crate::{Claim, Extent, Figure, FigureContext, FiguresError, RenderedFigure, Verdict};
+use leg_charts::color::{BLACK, BLUE, GREEN};
+use leg_charts::{Axis, Mark, Panel, Sheet};
 use trainer::evaluate::survival::{HOPS, draw_starts, survival};
 use trainer::policy::PackedActor;
 
-/// Bodies of the lines: springs, N/m, at 80 kg; masses, kg, at 20,000 N/m.
+/// Bodies of the lines: stiffnesses, N/m, at 80 kg; masses, kg, at 20,000 N/m.
 const STIFFNESS_N_M: [f64; 8] =
     [2_500.0, 5_000.0, 7_500.0, 10_000.0, 15_000.0, 20_000.0, 30_000.0, 40_000.0];
 const MASS_KG: [f64; 7] = [40.0, 50.0, 60.0, 70.0, 80.0, 100.0, 120.0];
-const HOME: [f64; 2] = [80.0, 20_000.0];
-/// Springs whose basins are drawn start by start, N/m.
+/// The body that was trained: mass, kg, and stiffness, N/m.
+const TRAINED: [f64; 2] = [80.0, 20_000.0];
+/// Stiffnesses whose basins are drawn start by start, N/m.
 const DRAWN_N_M: [f64; 3] = [5_000.0, 10_000.0, 20_000.0];
-/// Where their starts lie: velocity, m/s, and height, m.
+/// Range of their starts: velocities up to this, m/s, and heights, m.
 const SPEED_M_S: f64 = 9.0;
 const HEIGHT_M: [f64; 2] = [1.0, 10.0];
 /// What the authors' agent does on land at home, by an independent simulator.
-const AUTHORS_AT_HOME: f64 = 0.906;
+const AUTHORS_SHARE: f64 = 0.906;
 
 pub(super) struct Fig11;
 
@@ -42,33 +45,34 @@ impl Figure for Fig11 {
 
     fn paper(&self) -> &'static str {
         "The share of random starts from which the transferred agent takes 30 steps on land. It \
-         stays large when mass and stiffness are far from those of the training, and shrinks much \
-         as the stiffness falls."
+         stays large if mass and stiffness are far from those of the training, and shrinks strongly \
+         as the stiffness decreases."
     }
 
     fn cost_s(&self, extent: Extent) -> f64 {
-        extent.of(20.0, 1.0) // Beside the trainings of figure 3.
+        extent.of(20.0, 1.0) // Without the trainings of figure 3.
     }
 
-    fn make(&self, shop: &Workshop) -> Result<Made, FiguresError> {
-        let transferred = shop.transferred()?;
+    fn render(&self, ctx: &FigureContext) -> Result<RenderedFigure, FiguresError> {
+        let transferred = ctx.transferred()?;
         let shown = transferred.shown();
-        let ours = Basin::of(shop, "basin-ours", [&shown.actor(), &shown.actor_after(0)])?;
-        let theirs = authors_actor(shop.reference.as_ref(), "water_to_air")?;
-        let in_water = authors_actor(shop.reference.as_ref(), "water")?;
+        let ours = Basin::of(ctx, "basin-ours", [&shown.actor(), &shown.actor_after(0)])?;
+        let theirs = authors_actor(ctx.reference.as_ref(), "water_to_air")?;
+        let in_water = authors_actor(ctx.reference.as_ref(), "water")?;
         let theirs = theirs
             .zip(in_water)
-            .map(|(air, water)| Basin::of(shop, "basin-authors", [&air, &water]))
+            .map(|(air, water)| Basin::of(ctx, "basin-authors", [&air, &water]))
             .transpose()?;
-        let at_home = at(&ours.by_mass[0], 80.0);
+        let share_of_trained = share_at(&ours.by_mass[0], 80.0);
         let mut measured = format!(
-            "Seed {}, which of {} hops on from most starts in water and on land; {} starts a body, drawn as in \
-             training, every apex at or above 1 m. At home {at_home:.3} on land; before it \
-             went there {:.3} in water. In water a leg lighter than the 62.4 kg of water that it displaces floats.",
+            "Seed {} of {}, {CHOICE}; {} random starts for each body as in training, every apex at or \
+             above 1 m. With the trained body it survives {share_of_trained:.3} of them on land; \
+             before its training on land, {:.3} in water. In water, a leg lighter than the 62.4 kg of \
+             water that it displaces floats.",
             transferred.shown().seed,
             transferred.all.len(),
-            starts_a_body(shop.extent),
-            at(&ours.by_mass[1], 80.0),
+            starts_a_body(ctx.extent),
+            share_at(&ours.by_mass[1], 80.0),
         );
         if let Some(theirs) = &theirs {
             let _ = write!(measured, " The authors' agent on land: {}.", theirs.list());
@@ -77,25 +81,25 @@ impl Figure for Fig11 {
         let [low, median, high] = quartiles(&mut shares);
         let _ = write!(
             measured,
-            " Over the seeds, the share that takes 60 hops at home on land has the quartiles \
-             {low:.3}, {median:.3} and {high:.3}."
+            " Over all seeds, the share of starts from which the trained body takes 60 hops on land has \
+             the quartiles {low:.3}, {median:.3} and {high:.3}."
         );
         let mut claims = vec![drastic(&ours), softer(&ours)];
         if let Some(theirs) = &theirs {
-            let home = at(&theirs.by_mass[0], 80.0);
+            let share = share_at(&theirs.by_mass[0], 80.0);
             // Three standard errors of our starts and of the 5,000 compared with.
-            let n = starts_a_body(shop.extent) as f64;
-            let variance = AUTHORS_AT_HOME * (1.0 - AUTHORS_AT_HOME) * (1.0 / n + 1.0 / 5_000.0);
+            let n = starts_a_body(ctx.extent) as f64;
+            let variance = AUTHORS_SHARE * (1.0 - AUTHORS_SHARE) * (1.0 / n + 1.0 / 5_000.0);
             claims.push(Claim::new(
                 format!(
-                    "A check of our plant: the authors' agent survives {AUTHORS_AT_HOME} of the \
-                     starts on land in an independent simulator"
+                    "A check of our plant: in an independent simulator, the authors' agent \
+                     survives {AUTHORS_SHARE} of the starts on land"
                 ),
-                format!("{home:.3}"),
-                Verdict::of((home - AUTHORS_AT_HOME).abs() <= 3.0 * variance.sqrt()),
+                format!("{share:.3}"),
+                Verdict::of((share - AUTHORS_SHARE).abs() <= 3.0 * variance.sqrt()),
             ));
         }
-        Ok(Made {
+        Ok(RenderedFigure {
             svg: draw(&ours, theirs.as_ref())?,
             csv: table(&ours, theirs.as_ref()),
             measured,
@@ -111,37 +115,37 @@ fn starts_a_body(extent: Extent) -> usize {
 /// Two media: on land, and in water.
 const MEDIA: [(&str, Medium); 2] = [("air", Medium::AIR), ("water", Medium::WATER)];
 
-/// A body, by its stiffness or its mass, and the share that survives.
+/// Stiffness or mass of bodies, and the share of starts that each survives.
 type Line = Vec<(f64, f64)>;
 
-/// Survival by body.
+/// Shares of survived starts by body, and hops by start.
 #[derive(serde::Serialize, serde::Deserialize)]
 pub(super) struct Basin {
     /// On land and in water: stiffness, N/m, and share.
     by_stiffness: [Line; 2],
     /// On land and in water: mass, kg, and share.
     pub(super) by_mass: [Line; 2],
-    /// Cells each way of the plane, and its values on land and in water.
+    /// Number of cells across and up the plane, and its values on land and in water.
     cells: usize,
     pub(super) plane: [Vec<f64>; 2],
-    /// Cells each way of the starts, and hops taken on land for each of the
-    /// springs that are drawn.
+    /// Number of cells across and up the starts, and the hops from each on land, for each
+    /// stiffness that is drawn.
     start_cells: usize,
     hops: Vec<Vec<f64>>,
 }
 
 impl Basin {
-    /// The basin of an agent, which may be another on land and in water; `name` is
-    /// that of its part.
+    /// Computes the basin of an agent, given as one actor for land and one for water;
+    /// `name` names the cached step.
     pub(super) fn of(
-        shop: &Workshop,
+        ctx: &FigureContext,
         name: &str,
         agents: [&PackedActor; 2],
     ) -> Result<Self, FiguresError> {
-        let extent = shop.extent;
+        let extent = ctx.extent;
         let cost_s = extent.of(8.0, 0.4);
         let inputs = (agents.map(identity), extent);
-        shop.part(name, &inputs, cost_s, || Ok(Self::compute(agents, extent)))
+        ctx.cached(name, &inputs, cost_s, || Ok(Self::compute(agents, extent)))
     }
 
     fn compute(agents: [&PackedActor; 2], extent: Extent) -> Self {
@@ -150,7 +154,7 @@ impl Basin {
         let draw = |count| draw_starts(count, &mut Pcg64::seed_from_u64(11));
         let starts = draw(starts_a_body(extent));
         let share = |[mass_kg, stiffness_n_m]: [f64; 2], (actor, medium): (&Actor<'_>, Medium)| {
-            let hopper = other_leg(mass_kg, stiffness_n_m, medium);
+            let hopper = leg_with(mass_kg, stiffness_n_m, medium);
             survival(actor, &hopper, medium.density_ratio(), &starts).survive30
         };
         let plane = Plane::of(extent);
@@ -158,8 +162,9 @@ impl Basin {
         let start_cells = extent.of(60, 24);
         Self {
             by_stiffness: media
-                .map(|medium| STIFFNESS_N_M.map(|k| (k, share([HOME[0], k], medium))).into()),
-            by_mass: media.map(|medium| MASS_KG.map(|m| (m, share([m, HOME[1]], medium))).into()),
+                .map(|medium| STIFFNESS_N_M.map(|k| (k, share([TRAINED[0], k], medium))).into()),
+            by_mass: media
+                .map(|medium| MASS_KG.map(|m| (m, share([m, TRAINED[1]], medium))).into()),
             cells: plane.cells,
             plane: media.map(|(actor, medium)| {
                 let rho = medium.density_ratio();
@@ -178,7 +183,7 @@ impl Basin {
         format!("{}; {}", list(&self.by_stiffness[0], "k", 1.0), list(&self.by_mass[0], "m", 1.0))
     }
 
-    /// The planes, on land and in water.
+    /// Returns panels of the planes, on land and in water.
     pub(super) fn planes(&self, whose: &str) -> Vec<Panel> {
         let plane = Plane { cells: self.cells };
         let panel = |((medium, _), values): ((&str, Medium), &Vec<f64>)| {
@@ -188,9 +193,9 @@ impl Basin {
     }
 }
 
-/// Hops that the agent takes on land with a spring, start by start.
+/// Counts the hops on land with a stiffness, start by start.
 fn hops_by_start(actor: &Actor<'_>, stiffness_n_m: f64, cells: usize) -> Vec<f64> {
-    let hopper = other_leg(HOME[0], stiffness_n_m, Medium::AIR);
+    let hopper = leg_with(TRAINED[0], stiffness_n_m, Medium::AIR);
     let place =
         |i: usize, [low, high]: [f64; 2]| low + (high - low) * (i as f64 + 0.5) / cells as f64;
     (0..cells * cells)
@@ -198,23 +203,23 @@ fn hops_by_start(actor: &Actor<'_>, stiffness_n_m: f64, cells: usize) -> Vec<f64
         .map(|i| {
             let vx_m_s = place(i % cells, [-SPEED_M_S, SPEED_M_S]);
             let start = Apex { vx_m_s, y_m: place(i / cells, HEIGHT_M) };
-            fly(actor, &hopper, 0.0, start, HOPS as usize, |_| 0.0).hops() as f64
+            run_policy(actor, &hopper, 0.0, start, HOPS as usize, |_| 0.0).hops() as f64
         })
         .collect()
 }
 
-/// The share at a body of a line.
-fn at(rows: &[(f64, f64)], body: f64) -> f64 {
+/// Returns the share at a body of a line; NaN if it is not there.
+fn share_at(rows: &[(f64, f64)], body: f64) -> f64 {
     rows.iter().find(|(x, _)| *x == body).map_or(f64::NAN, |(_, share)| *share)
 }
 
 fn drastic(basin: &Basin) -> Claim {
     let [springs, masses] = [&basin.by_stiffness[0], &basin.by_mass[0]];
-    let shares =
-        [at(springs, 10_000.0), at(springs, 40_000.0), at(masses, 40.0), at(masses, 120.0)];
+    let shares = [(springs, 10_000.0), (springs, 40_000.0), (masses, 40.0), (masses, 120.0)]
+        .map(|(line, body)| share_at(line, body));
     let large = shares.iter().filter(|share| **share >= 0.3).count();
     Claim::new(
-        "Even with drastic changes of the body the agent is stable from a large set of starts",
+        "Even with drastic changes of the body, the agent is stable from a large set of starts",
         format!(
             "{:.2} at half and {:.2} at twice the stiffness, {:.2} at half and {:.2} at one and a \
              half times the mass",
@@ -230,11 +235,11 @@ fn drastic(basin: &Basin) -> Claim {
 
 fn softer(basin: &Basin) -> Claim {
     let springs = &basin.by_stiffness[0];
-    let [soft, half, home] = [5_000.0, 10_000.0, 20_000.0].map(|k| at(springs, k));
+    let [soft, half, full] = [5_000.0, 10_000.0, 20_000.0].map(|k| share_at(springs, k));
     Claim::new(
-        "The basin shrinks much as the stiffness falls",
-        format!("{home:.2} at 20,000 N/m, {half:.2} at 10,000, {soft:.2} at 5,000"),
-        Verdict::of(soft <= 0.5 * home && half < home),
+        "The basin shrinks strongly as the stiffness decreases",
+        format!("{full:.2} at 20,000 N/m, {half:.2} at 10,000, {soft:.2} at 5,000"),
+        Verdict::of(soft <= 0.5 * full && half < full),
     )
 }
 
@@ -245,29 +250,32 @@ fn draw(ours: &Basin, theirs: Option<&Basin>) -> Result<String, FiguresError> {
         };
         let [air, water] = pick(ours);
         let mut marks = vec![
-            Mark::line(scaled(air), COLORS[0], "ours, air"),
-            Mark::line(scaled(water), COLORS[2], "ours in water, before it went on land"),
+            Mark::line(scaled(air), BLUE).label("ours, air"),
+            Mark::line(scaled(water), GREEN).label("ours in water, before its training on land"),
         ];
         if let Some(theirs) = theirs {
-            let label = Some("the authors' agent, air".to_owned());
             let points = scaled(&pick(theirs)[0]);
-            marks.push(Mark::Line { points, color: AUTHORS, dashed: true, label });
+            marks.push(Mark::line(points, BLACK).dashed().label("the authors' agent, air"));
         }
         let x = Axis::around(label, scaled(air).iter().map(|(x, _)| *x));
-        Panel { title: String::new(), x, y: Axis::new("share that survives", -0.02..1.02), marks }
+        Panel {
+            title: String::new(),
+            x,
+            y: Axis::new("share of survived starts", -0.02..1.02),
+            marks,
+        }
     };
     let start_panels = DRAWN_N_M.iter().zip(&ours.hops).map(|(k, hops)| Panel {
         title: format!("ours, air, {} kN/m", k / 1e3),
         x: Axis::new("velocity at the start, m/s", -SPEED_M_S..SPEED_M_S),
         y: Axis::new("height at the start, m", HEIGHT_M[0]..HEIGHT_M[1]),
-        marks: vec![Mark::Cells {
-            x: -SPEED_M_S..SPEED_M_S,
-            y: HEIGHT_M[0]..HEIGHT_M[1],
-            columns: ours.start_cells,
-            values: hops.clone(),
-            scale: 0.0..f64::from(HOPS),
-            label: "hops".into(),
-        }],
+        marks: vec![Mark::cells(
+            (-SPEED_M_S..SPEED_M_S, HEIGHT_M[0]..HEIGHT_M[1]),
+            ours.start_cells,
+            hops.clone(),
+            0.0..f64::from(HOPS),
+            "hops",
+        )],
     });
     let mut rows = vec![
         vec![
@@ -280,15 +288,10 @@ fn draw(ours: &Basin, theirs: Option<&Basin>) -> Result<String, FiguresError> {
     if let Some(theirs) = theirs {
         rows.insert(2, theirs.planes("the authors'"));
     }
-    let sheet = Sheet {
-        title: "Figure 11. Basin of attraction over other bodies".into(),
-        note: "share of random starts from which the agent takes 30 hops; in water, as it was \
-               before it went on land; below, hops by start"
-            .into(),
-        rows,
-        ..Sheet::default()
-    };
-    Ok(sheet.draw()?)
+    let title = "Figure 11. Basin of attraction over other bodies";
+    let note = "share of random starts from which the agent takes 30 hops; in water, with the agent \
+                before its training on land; last row, hops by start";
+    Ok(Sheet::new(title, note).rows(226, rows).draw()?)
 }
 
 fn table(ours: &Basin, theirs: Option<&Basin>) -> String {
@@ -296,8 +299,8 @@ fn table(ours: &Basin, theirs: Option<&Basin>) -> String {
     let sets = [("ours", Some(ours)), ("authors", theirs)];
     for (whose, basin) in sets.into_iter().filter_map(|(whose, b)| Some((whose, b?))) {
         for (i, (medium, _)) in MEDIA.iter().enumerate() {
-            let springs = basin.by_stiffness[i].iter().map(|(k, share)| ([HOME[0], *k], *share));
-            let masses = basin.by_mass[i].iter().map(|(m, share)| ([*m, HOME[1]], *share));
+            let springs = basin.by_stiffness[i].iter().map(|(k, share)| ([TRAINED[0], *k], *share));
+            let masses = basin.by_mass[i].iter().map(|(m, share)| ([*m, TRAINED[1]], *share));
             let plane = Plane { cells: basin.cells }.bodies();
             let plane = plane.into_iter().zip(basin.plane[i].iter().copied());
             for ([mass, stiffness], share) in springs.chain(masses).chain(plane) {
@@ -328,9 +331,9 @@ mod tests {
 
     #[test]
     fn the_claims_follow_the_shares() {
-        let as_said = basin([0.0, 0.04, 0.2, 0.4, 0.8, 0.9, 1.0, 1.0], 0.9);
-        assert_eq!(drastic(&as_said).verdict, Verdict::Holds);
-        assert_eq!(softer(&as_said).verdict, Verdict::Holds);
+        let as_described = basin([0.0, 0.04, 0.2, 0.4, 0.8, 0.9, 1.0, 1.0], 0.9);
+        assert_eq!(drastic(&as_described).verdict, Verdict::Holds);
+        assert_eq!(softer(&as_described).verdict, Verdict::Holds);
         let even = basin([0.2; 8], 0.9);
         assert_eq!(drastic(&even).verdict, Verdict::InPart);
         assert_eq!(softer(&even).verdict, Verdict::Fails);
@@ -339,12 +342,12 @@ mod tests {
     }
 
     #[test]
-    fn a_body_at_home_is_the_papers_leg() {
+    fn the_trained_body_is_the_papers_leg() {
         let start = Apex { vx_m_s: 0.4, y_m: 2.0 };
         let action = leg_plant::Action { touchdown_angle_rad: 1.6, elongation_speed_m_s: 0.3 };
         for (_, medium) in MEDIA {
-            let home = other_leg(HOME[0], HOME[1], medium).hop(start, action);
-            assert_eq!(home, hopper(medium.density_ratio()).hop(start, action));
+            let leg = leg_with(TRAINED[0], TRAINED[1], medium).hop(start, action);
+            assert_eq!(leg, hopper(medium.density_ratio()).hop(start, action));
         }
     }
 }

@@ -1,5 +1,5 @@
-//! Beyond the paper: the shipped policy in other bodies, worlds and media, and
-//! with the density told or estimated.
+//! Beyond the paper: the shipped policy with other bodies, in other gravity and media, and
+//! with the density measured or estimated.
 
 use std::fmt::Write as _;
 
@@ -9,12 +9,13 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 
-use super::fig11::Basin;
-use super::fig12::gains;
-use crate::picture::{AUTHORS, Axis, COLORS, Mark, Panel, Sheet};
-use crate::study::flown::{authors_actor, identity};
-use crate::study::sensed::{self, Sensed, density};
-use crate::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
+use super::fig11_basin::Basin;
+use super::fig12_top_speed::gains;
+use crate::analysis::apex_run::{authors_actor, identity};
+use crate::analysis::density_source::{self, SourceResult, density_axis};
+use crate::{Claim, Extent, Figure, FigureContext, FiguresError, RenderedFigure, Verdict};
+use leg_charts::color::{BLACK, BLUE, GREEN, SERIES};
+use leg_charts::{Axis, Mark, Panel, Sheet};
 use trainer::evaluate::DENSITIES;
 use trainer::evaluate::survival::{draw_starts, survival};
 use trainer::evaluate::tracking::{
@@ -22,9 +23,10 @@ use trainer::evaluate::tracking::{
 };
 use trainer::policy::PackedActor;
 
-/// What the paper reaches on land, m/s.
+/// Highest speed on land in the paper, m/s.
 const PAPER_M_S: f64 = 6.0;
-/// Set-points that a prototype of the recipe tracked, of the 42 that are possible.
+/// Number of set-points that a prototype of the recipe tracked, of the 42 with a known
+/// steady gait.
 const PROTOTYPE_TRACKS: usize = 37;
 
 pub(super) struct Beyond;
@@ -39,24 +41,24 @@ impl Figure for Beyond {
     }
 
     fn paper(&self) -> &'static str {
-        "It leaves open how a controller does between the two media, in other gravity, and when it \
-         must find out the density by itself. Below, the policy that comes with the controller, \
-         one frozen actor with its own gains, is put to these, beside the paper's agent."
+        "It leaves open how a controller performs between the two media, in other gravity, and if it \
+         has to estimate the density. Below, the policy that is shipped with the controller, one \
+         frozen actor with its own gains, is tested in these conditions beside the paper's agent."
     }
 
     fn cost_s(&self, extent: Extent) -> f64 {
-        extent.of(40.0, 5.0) // Beside the trainings of figure 3.
+        extent.of(40.0, 5.0) // Without the trainings of figure 3.
     }
 
-    fn make(&self, shop: &Workshop) -> Result<Made, FiguresError> {
-        let policy = Policy::parse(SHIPPED).expect("the shipped policy is whole");
+    fn render(&self, ctx: &FigureContext) -> Result<RenderedFigure, FiguresError> {
+        let policy = Policy::parse(SHIPPED).expect("the shipped policy is valid");
         let shipped = Agent {
             name: "shipped",
             actor: PackedActor::from(&policy),
             gains: policy.manifest().gains.clone(),
         };
         let origin = &policy.manifest().provenance;
-        let from = format!(
+        let provenance = format!(
             "CRC-32 {:08x}, preset `{}`, seed {}, {} steps, trainer {}",
             policy.crc32(),
             origin.preset,
@@ -64,68 +66,73 @@ impl Figure for Beyond {
             origin.steps,
             origin.trainer_version
         );
-        shop.used("shipped", from);
+        ctx.note_policy("shipped", provenance);
         let transferred = Agent {
             name: "transferred",
-            actor: shop.transferred()?.shown().actor(),
+            actor: ctx.transferred()?.shown().actor(),
             gains: gains(),
         };
-        let theirs = authors_actor(shop.reference.as_ref(), "water_to_air")?.map(|actor| Agent {
+        let theirs = authors_actor(ctx.reference.as_ref(), "water_to_air")?.map(|actor| Agent {
             name: "authors",
             actor,
             gains: gains(),
         });
         let agents: Vec<Agent> = [shipped, transferred].into_iter().chain(theirs).collect();
-        let found = Found {
+        let results = Results {
             basins: [
-                Basin::of(shop, "basin-shipped", [&agents[0].actor; 2])?,
-                Basin::of(shop, "basin-transferred", [&agents[1].actor; 2])?,
+                Basin::of(ctx, "basin-shipped", [&agents[0].actor; 2])?,
+                Basin::of(ctx, "basin-transferred", [&agents[1].actor; 2])?,
             ],
-            media: agents.iter().map(|agent| agent.media(shop)).collect::<Result<_, _>>()?,
-            sensed: sensed::both(shop)?,
+            media: agents.iter().map(|agent| agent.media(ctx)).collect::<Result<_, _>>()?,
+            sources: density_source::both(ctx)?,
         };
-        let measured = found.words();
-        Ok(Made { svg: found.draw()?, csv: found.table(), measured, claims: found.claims() })
+        let measured = results.summary();
+        Ok(RenderedFigure {
+            svg: results.draw()?,
+            csv: results.table(),
+            measured,
+            claims: results.claims(),
+        })
     }
 }
 
-/// Who is put to it.
+/// An agent that is tested.
 struct Agent {
     name: &'static str,
     actor: PackedActor,
     gains: GainSchedule,
 }
 
-/// A world: its name and its gravity, m/s2.
+/// Worlds: names and gravities, m/s².
 const WORLDS: [(&str, f64); 3] = [
     ("earth", Medium::AIR.gravity_m_s2()),
     ("mars", Medium::MARS.gravity_m_s2()),
     ("moon", Medium::MOON.gravity_m_s2()),
 ];
 
-/// Density, set-point, and mean and oscillation, m/s; none after a fall.
-type Followed = (f64, f64, Option<(f64, f64)>);
+/// Density ratio, set-point, m/s, and mean and oscillation, m/s, or `None` after a fall.
+type Tracked = (f64, f64, Option<(f64, f64)>);
 
-/// What an agent does by density.
+/// Results of an agent by density.
 #[derive(Serialize, Deserialize)]
-struct Media {
+struct DensityResults {
     name: String,
-    /// Share of the starts that survive, by world and density.
+    /// Share of survived starts, by world and density.
     survive30: [Vec<f64>; 3],
     /// Highest speed, m/s, by density.
     speeds: Vec<f64>,
-    tracking: Vec<Followed>,
+    tracking: Vec<Tracked>,
 }
 
 impl Agent {
-    fn media(&self, shop: &Workshop) -> Result<Media, FiguresError> {
-        let count = shop.extent.of(3_000, 300);
+    fn media(&self, ctx: &FigureContext) -> Result<DensityResults, FiguresError> {
+        let count = ctx.extent.of(3_000, 300);
         let inputs = (identity(&self.actor), &self.gains, count);
         let name = format!("media-{}", self.name);
-        shop.part(&name, &inputs, shop.extent.of(6.0, 1.0), || Ok(self.fly(count)))
+        ctx.cached(&name, &inputs, ctx.extent.of(6.0, 1.0), || Ok(self.run_policy(count)))
     }
 
-    fn fly(&self, count: usize) -> Media {
+    fn run_policy(&self, count: usize) -> DensityResults {
         let actor = self.actor.actor();
         let starts = draw_starts(count, &mut Pcg64::seed_from_u64(11));
         let share = |rho: f64, gravity_m_s2: f64| {
@@ -133,7 +140,7 @@ impl Agent {
             survival(&actor, &Hopper::new(&Leg::human(), medium), rho, &starts).survive30
         };
         let row = |t: Tracking| (t.rho, t.set_point, t.mean_v.zip(t.oscillation));
-        Media {
+        DensityResults {
             name: self.name.to_owned(),
             survive30: WORLDS
                 .map(|(_, gravity)| DENSITIES.iter().map(|&rho| share(rho, gravity)).collect()),
@@ -143,8 +150,8 @@ impl Agent {
     }
 }
 
-impl Media {
-    /// Set-points tracked, of those possible.
+impl DensityResults {
+    /// Returns the number of set-points that are tracked, and of those with a known gait.
     fn tracked(&self) -> [usize; 2] {
         let possible: Vec<Tracking> = self
             .tracking
@@ -166,24 +173,24 @@ impl Media {
     }
 }
 
-/// All that was found.
-struct Found {
-    /// Of the shipped policy, and of the transferred agent.
+/// All results.
+struct Results {
+    /// Basins of the shipped policy, and of the transferred agent.
     basins: [Basin; 2],
-    /// The shipped policy first.
-    media: Vec<Media>,
-    sensed: Vec<Sensed>,
+    /// Results by density, the shipped policy first.
+    media: Vec<DensityResults>,
+    sources: Vec<SourceResult>,
 }
 
-impl Found {
-    fn words(&self) -> String {
+impl Results {
+    fn summary(&self) -> String {
         let mut text = String::new();
         for media in &self.media {
             let [tracked, of] = media.tracked();
             let _ = write!(
                 text,
-                "{}: survives from at least {:.3} of the starts at every density on earth, {:.3} \
-                 on mars, {:.3} on the moon; tracks {tracked} of {of} possible set-points; up to \
+                "{}: survives at least {:.3} of the starts at every density on Earth, {:.3} on Mars, \
+                 {:.3} on the Moon; tracks {tracked} of {of} set-points with a known gait; reaches \
                  {:.2} m/s in air and {:.2} m/s in water. ",
                 media.name,
                 media.least(0),
@@ -193,10 +200,10 @@ impl Found {
                 media.speeds[DENSITIES.len() - 1],
             );
         }
-        text + &sensed::words(&self.sensed)
+        text + &density_source::summary(&self.sources)
     }
 
-    /// Shares of the plane of bodies, on land, from which nine in ten starts survive.
+    /// Returns the shares of all bodies that survive at least nine in ten starts on land.
     fn wide(&self) -> [f64; 2] {
         self.basins.each_ref().map(|basin| {
             let plane = &basin.plane[0];
@@ -220,20 +227,20 @@ impl Found {
         let [mars, moon] = [shipped.least(1), shipped.least(2)];
         vec![
             Claim::new(
-                "Ours: one actor hops on at every density between air and water",
-                format!("from at least {:.3} of the starts", shipped.least(0)),
+                "Ours: one actor survives at every density between air and water",
+                format!("at least {:.3} of the starts", shipped.least(0)),
                 graded(shipped.least(0), 0.99, 0.9),
             ),
             Claim::new(
-                "Ours: in gravity that it never met, moon and mars, it hops on as well",
+                "Ours: it also survives in the gravity of Moon and Mars, where it was never trained",
                 format!(
-                    "from at least {mars:.3} of the starts on mars and {moon:.3} on the moon, at any density"
+                    "at least {mars:.3} of the starts on Mars and {moon:.3} on the Moon, at any density"
                 ),
                 graded(mars.min(moon), 0.99, 0.7),
             ),
             Claim::new(
-                "Ours: it follows the set-points that are possible",
-                format!("{tracked} of {of} within 2 %, oscillating less than 5 %"),
+                "Ours: it tracks the set-points with a known gait",
+                format!("{tracked} of {of} within 2 %, with oscillations below 5 %"),
                 graded(tracked as f64, PROTOTYPE_TRACKS as f64, of as f64 / 2.0),
             ),
             Claim::new(
@@ -242,41 +249,38 @@ impl Found {
                 Verdict::of(shipped.speeds[0] > PAPER_M_S),
             ),
             Claim::new(
-                "Ours: it puts up with more bodies on land than the transferred agent",
+                "Ours: it survives with more bodies on land than the transferred agent",
                 format!(
-                    "nine in ten starts survive over {wide:.2} of the plane against {narrow:.2}"
+                    "it survives nine in ten starts with {wide:.2} of all bodies, against {narrow:.2}"
                 ),
                 Verdict::of(wide > narrow),
             ),
-            sensed::claim(&self.sensed),
+            density_source::claim(&self.sources),
         ]
     }
 
     fn draw(&self) -> Result<String, FiguresError> {
-        let sheet = Sheet {
-            title: "Beyond the paper. The shipped policy".into(),
-            note: "one frozen actor with its own gains; beside it the paper's agents".into(),
-            rows: vec![
-                self.basins[0].planes("shipped"),
-                self.basins[1].planes("transferred"),
-                WORLDS.iter().enumerate().map(|(i, (world, _))| self.survival(i, world)).collect(),
-                vec![self.speeds(), self.followed()],
-                sensed::panels(&self.sensed),
-            ],
-            ..Sheet::default()
-        };
-        Ok(sheet.draw()?)
+        let title = "Beyond the paper. The shipped policy";
+        let note = "one frozen actor with its own gains, beside the paper's agents";
+        let rows = vec![
+            self.basins[0].planes("shipped"),
+            self.basins[1].planes("transferred"),
+            WORLDS.iter().enumerate().map(|(i, (world, _))| self.survival(i, world)).collect(),
+            vec![self.speeds(), self.tracking()],
+            density_source::panels(&self.sources),
+        ];
+        Ok(Sheet::new(title, note).rows(226, rows).draw()?)
     }
 
-    fn lines(&self, values: impl Fn(&Media) -> Vec<f64>) -> Vec<Mark> {
-        let colors = [COLORS[2], COLORS[0], AUTHORS];
+    fn lines(&self, values: impl Fn(&DensityResults) -> Vec<f64>) -> Vec<Mark> {
+        let colors = [GREEN, BLUE, BLACK];
         let lines = self.media.iter().zip(colors).map(|(media, color)| {
             let points = DENSITIES.into_iter().zip(values(media)).collect();
             let label = match media.name.as_str() {
                 "authors" => "the authors', transferred",
                 other => other,
             };
-            Mark::line(points, color, label)
+            Mark::line(points, color).label(label)
         });
         lines.collect()
     }
@@ -284,8 +288,8 @@ impl Found {
     fn survival(&self, world: usize, name: &str) -> Panel {
         Panel {
             title: format!("survival on {name}"),
-            x: density(),
-            y: Axis::new("share that survives", -0.02..1.02),
+            x: density_axis(),
+            y: Axis::new("share of survived starts", -0.02..1.02),
             marks: self.lines(|media| media.survive30[world].clone()),
         }
     }
@@ -296,23 +300,28 @@ impl Found {
         let all = self.media.iter().flat_map(|media| media.speeds.clone());
         let limit = STEADY_GAIT_M_S.iter().map(|(_, v)| *v);
         let y = Axis::around("highest speed, m/s", all.chain(limit).chain([0.0]));
-        Panel { title: "highest speed; dashed: gaits known".into(), x: density(), y, marks }
+        Panel { title: "highest speed; dashed: known gaits".into(), x: density_axis(), y, marks }
     }
 
-    fn followed(&self) -> Panel {
+    fn tracking(&self) -> Panel {
         let shipped = &self.media[0];
         let mut marks = Vec::new();
-        for (set_point, color) in SET_POINTS.into_iter().zip(COLORS) {
+        for (set_point, color) in SET_POINTS.into_iter().zip(SERIES) {
             let of = shipped.tracking.iter().filter(|(_, asked, _)| *asked == set_point);
             let mean = |settled: &Option<(f64, f64)>| settled.map_or(f64::NAN, |(mean, _)| mean);
             let points: Vec<(f64, f64)> =
                 of.map(|(rho, _, settled)| (*rho, mean(settled))).collect();
             marks.push(Mark::guide(vec![(0.0, set_point), (1.0, set_point)]));
-            marks.push(Mark::Dots { points: points.clone(), color, radius_px: 3, label: None });
-            marks.push(Mark::Line { points, color, dashed: false, label: None });
+            marks.push(Mark::dots(points.clone(), color));
+            marks.push(Mark::line(points, color));
         }
         let y = Axis::new("mean velocity, m/s", -2.3..2.3);
-        Panel { title: "shipped: velocity by set-point (dashed)".into(), x: density(), y, marks }
+        Panel {
+            title: "shipped: mean velocity; dashed: set-points".into(),
+            x: density_axis(),
+            y,
+            marks,
+        }
     }
 
     fn table(&self) -> String {
@@ -328,16 +337,16 @@ impl Found {
                 let _ = writeln!(csv, "{},highest_speed_m_s,earth,{rho},,{speed},", media.name);
             }
             for (rho, set_point, settled) in &media.tracking {
-                let [mean, swing] = [settled.map(|s| s.0), settled.map(|s| s.1)]
+                let [mean, amplitude] = [settled.map(|s| s.0), settled.map(|s| s.1)]
                     .map(|value| value.map(|v| v.to_string()).unwrap_or_default());
                 let _ = writeln!(
                     csv,
-                    "{},mean_vx_m_s,earth,{rho},{set_point},{mean},{swing}",
+                    "{},mean_vx_m_s,earth,{rho},{set_point},{mean},{amplitude}",
                     media.name
                 );
             }
         }
-        csv + &sensed::rows(&self.sensed)
+        csv + &density_source::rows(&self.sources)
     }
 }
 
@@ -346,9 +355,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tracked_is_counted_among_the_possible() {
+    fn counts_tracked_set_points_among_those_with_a_known_gait() {
         let at = |rho, asked, mean| (rho, asked, Some((mean, 0.0)));
-        let media = Media {
+        let media = DensityResults {
             name: "shipped".into(),
             survive30: [vec![1.0, 0.9], vec![0.8], vec![0.7]],
             speeds: vec![1.0],

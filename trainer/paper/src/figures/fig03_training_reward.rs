@@ -1,13 +1,16 @@
-//! Figure 3: the training reward in water, in air, and in air after water.
+//! Figure 3: training reward in water, in air, and in air after water.
 
 use std::fmt::Write as _;
 
-use crate::agents::{Episode, Paper, cost_s};
-use crate::picture::{AUTHORS, Axis, COLORS, INK, Mark, Panel, Sheet};
-use crate::study::learning::{Cases, WINDOW, authors, mean_reward, quartiles, smooth, spread};
-use crate::{Claim, Extent, Figure, FiguresError, Made, Verdict, Workshop};
+use crate::agents::{Episode, PaperAgent, cost_s};
+use crate::analysis::learning_curves::{
+    Cases, WINDOW, authors, mean_reward, quartiles, smooth, spread,
+};
+use crate::{Claim, Extent, Figure, FigureContext, FiguresError, RenderedFigure, Verdict};
+use leg_charts::color::{BLACK, BLUE, GREEN, INK, ORANGE};
+use leg_charts::{Axis, Mark, Panel, Point, Sheet};
 
-/// Episodes at either end of a training that are compared.
+/// Number of episodes compared at the beginning and at the end of a training.
 const END: usize = 1_000;
 
 pub(super) struct Fig03;
@@ -22,19 +25,19 @@ impl Figure for Fig03 {
     }
 
     fn paper(&self) -> &'static str {
-        "Learning to hop from scratch is easy in water and hard on land. An agent that is taken \
-         from water to land, with its actor and critic but an empty replay buffer, reaches high \
-         rewards much faster than one trained on land alone, and higher ones, even when the \
-         episodes in water are counted."
+        "Learning to hop from scratch is easy in water and hard on land. An agent that is trained in \
+         water first and then on land, with its actor and critic but an empty replay buffer, \
+         reaches high rewards much faster than an agent trained on land only. Its rewards are also \
+         higher, even if the episodes in water are counted."
     }
 
     fn cost_s(&self, extent: Extent) -> f64 {
-        cost_s(Paper::Air, extent) + cost_s(Paper::WaterToAir, extent)
+        cost_s(PaperAgent::Air, extent) + cost_s(PaperAgent::WaterToAir, extent)
     }
 
-    fn make(&self, shop: &Workshop) -> Result<Made, FiguresError> {
-        let cases = Cases::of(shop)?;
-        let reference = shop.reference.as_ref();
+    fn render(&self, ctx: &FigureContext) -> Result<RenderedFigure, FiguresError> {
+        let cases = Cases::of(ctx)?;
+        let reference = ctx.reference.as_ref();
         let theirs = [authors(reference, "air")?, authors(reference, "water_to_air")?];
         let claims = vec![faster(&cases), higher(&cases), counting_water(&cases)];
         let seeds = cases.air.len();
@@ -54,7 +57,12 @@ impl Figure for Fig03 {
                 mean_reward(&air[..END.min(air.len())]),
             );
         }
-        Ok(Made { svg: draw(&cases, &theirs)?, csv: table(&cases, &theirs), measured, claims })
+        Ok(RenderedFigure {
+            svg: draw(&cases, &theirs)?,
+            csv: table(&cases, &theirs),
+            measured,
+            claims,
+        })
     }
 }
 
@@ -71,37 +79,38 @@ fn median_of(seeds: &[Vec<Episode>], part: fn(&[Episode]) -> &[Episode]) -> f64 
     quartiles(&mut means)[1]
 }
 
-/// Seeds in which the transferred agent is ahead of the one trained on land alone.
+/// Returns the number of seeds whose transferred agent is ahead of the agent trained on
+/// land only, and the number of seeds.
 fn ahead(cases: &Cases, part: fn(&[Episode]) -> &[Episode]) -> (usize, usize) {
     let pairs = cases.after_water.iter().zip(&cases.air);
     let ahead = pairs.filter(|(a, b)| mean_reward(part(a)) > mean_reward(part(b))).count();
     (ahead, cases.air.len())
 }
 
-fn comparison(cases: &Cases, part: fn(&[Episode]) -> &[Episode], says: &str) -> Claim {
+fn comparison(cases: &Cases, part: fn(&[Episode]) -> &[Episode], statement: &str) -> Claim {
     let (transferred, scratch) = (median_of(&cases.after_water, part), median_of(&cases.air, part));
     let (seeds, of) = ahead(cases, part);
     let measured =
         format!("median {transferred:.2} against {scratch:.2}; ahead in {seeds} of {of} seeds");
     // More seeds than not must show what the medians do.
-    Claim::new(says, measured, Verdict::of(transferred > scratch && 2 * seeds > of))
+    Claim::new(statement, measured, Verdict::of(transferred > scratch && 2 * seeds > of))
 }
 
 fn faster(cases: &Cases) -> Claim {
     comparison(
         cases,
         first,
-        "After water, land is learned faster: the first 1,000 episodes on land",
+        "After water, the agent learns faster on land (first 1,000 episodes on land)",
     )
 }
 
 fn higher(cases: &Cases) -> Claim {
-    comparison(cases, last, "After water, the reward on land is higher: the last 1,000 episodes")
+    comparison(cases, last, "After water, the reward on land is higher (last 1,000 episodes)")
 }
 
-/// With the water episodes counted, the agent on land alone has had that many more.
+/// Compares both agents after the same number of episodes, those in water included.
 fn counting_water(cases: &Cases) -> Claim {
-    let says = "It is ahead also when the episodes in water are counted";
+    let statement = "The transferred agent is ahead even if its episodes in water are counted";
     let water = cases.water.iter().map(Vec::len).min().unwrap_or(0);
     let budget = cases.air.iter().map(Vec::len).min().unwrap_or(0);
     let until = budget.saturating_sub(water);
@@ -123,62 +132,52 @@ fn counting_water(cases: &Cases) -> Claim {
          against {scratch:.2}; ahead in {seeds} of {} seeds",
         pairs.len()
     );
-    Claim::new(says, measured, Verdict::of(transferred > scratch && 2 * seeds > pairs.len()))
+    Claim::new(statement, measured, Verdict::of(transferred > scratch && 2 * seeds > pairs.len()))
 }
 
 fn draw(cases: &Cases, theirs: &[Option<Vec<Episode>>; 2]) -> Result<String, FiguresError> {
     let named = [
-        ("air after water", &cases.after_water, COLORS[0], 0),
-        ("air alone", &cases.air, COLORS[1], 0),
-        ("water, before", &cases.water, COLORS[2], 0),
+        ("air after water", &cases.after_water, BLUE),
+        ("air alone", &cases.air, ORANGE),
+        ("water, before", &cases.water, GREEN),
     ];
-    let curves = named.map(|(name, seeds, color, _)| {
+    let curves = named.map(|(name, seeds, color)| {
         let curves: Vec<_> = seeds.iter().map(|episodes| smooth(episodes)).collect();
         (name, spread(&curves), color)
     });
     let mut marks = Vec::new();
     for (_, curve, color) in &curves {
         let points = curve.iter().map(|(x, [low, _, high])| (*x, *low, *high)).collect();
-        marks.push(Mark::Band { points, color: *color });
+        marks.push(Mark::band(points, *color));
     }
     for (name, curve, color) in &curves {
         let points = curve.iter().map(|(x, [_, median, _])| (*x, *median)).collect();
-        marks.push(Mark::line(points, *color, *name));
+        marks.push(Mark::line(points, *color).label(*name));
     }
     for ((episodes, name), color) in theirs
         .iter()
         .zip(["the authors', air alone", "the authors', air after water"])
-        .zip([AUTHORS, INK])
+        .zip([BLACK, INK])
     {
         if let Some(episodes) = episodes {
-            let (points, label) = (smooth(episodes), Some(name.to_owned()));
-            marks.push(Mark::Line { points, color, dashed: name.ends_with("alone"), label });
+            let line = Mark::line(smooth(episodes), color).label(name);
+            marks.push(if name.ends_with("alone") { line.dashed() } else { line });
         }
     }
-    let ends = marks.iter().flat_map(|mark| match mark {
-        Mark::Line { points, .. } => points.clone(),
-        Mark::Band { points, .. } => points.iter().map(|(x, _, high)| (*x, *high)).collect(),
-        _ => Vec::new(),
-    });
-    let ends: Vec<(f64, f64)> = ends.collect();
+    let points: Vec<Point> = marks.iter().flat_map(Mark::points).collect();
     let longest = cases.air.iter().map(Vec::len).max().unwrap_or(0) as f64;
-    let top = ends.iter().filter(|(x, _)| *x <= longest).map(|(_, y)| *y);
+    let top = points.iter().filter(|(x, _)| *x <= longest).map(|(_, y)| *y);
     let panel = Panel {
         title: String::new(),
         x: Axis::new("episodes of the stage", 0.0..longest),
         y: Axis::around("reward of an episode (at most 5 steps)", top.chain([0.0])),
         marks,
     };
-    let sheet = Sheet {
-        title: "Figure 3. Training reward".into(),
-        note: format!(
-            "mean over {WINDOW} episodes; line: median of {} seeds, band: quartiles",
-            cases.air.len()
-        ),
-        rows: vec![vec![panel]],
-        row_px: 420,
-    };
-    Ok(sheet.draw()?)
+    let note = format!(
+        "mean over {WINDOW} episodes; line: median of {} seeds, band: quartiles",
+        cases.air.len()
+    );
+    Ok(Sheet::new("Figure 3. Training reward", note).row(360, vec![panel]).draw()?)
 }
 
 fn table(cases: &Cases, theirs: &[Option<Vec<Episode>>; 2]) -> String {
@@ -217,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_ahead_is_said_to_be_and_what_is_behind_is_not() {
+    fn claims_hold_for_the_agent_that_is_ahead_only() {
         let ahead = cases([2.0, 3.0], [0.5, 2.0]);
         for claim in [faster(&ahead), higher(&ahead), counting_water(&ahead)] {
             assert_eq!(claim.verdict, Verdict::Holds, "{claim:?}");
@@ -230,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn the_curves_are_the_seeds_quartiles() {
+    fn curves_are_the_quartiles_over_seeds() {
         let curves: Vec<_> = [1.0, 2.0, 3.0, 4.0, 5.0].map(|r| smooth(&run([r, r]))).into();
         let spread = spread(&curves);
         assert_eq!(spread.len(), 4_000 / WINDOW);
