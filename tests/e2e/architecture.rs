@@ -14,6 +14,7 @@ const ALLOWED: [(&str, &[&str]); 4] = [
         &[
             "bytemuck",
             "crc",
+            "defmt",
             "embedded-io",
             "heapless",
             "leg-kernel-m4f",
@@ -123,12 +124,16 @@ fn packages_depend_on_each_other_one_way() {
     }
 }
 
+/// Most packages that the trainer may compile, itself among them. A new dependency that is
+/// worth it raises the number.
+const MOST_PACKAGES_OF_THE_TRAINER: usize = 99;
+
 #[test]
-fn the_trainer_compiles_fewer_than_a_hundred_packages_and_no_transport() {
+fn the_trainer_compiles_few_packages_and_no_transport() {
     let tree = cargo(&["tree", "-p", "trainer", "-e", "normal", "--prefix", "none"]);
     let names: BTreeSet<&str> =
         tree.lines().filter_map(|line| line.split_whitespace().next()).collect();
-    assert!(names.len() < 100, "{} packages", names.len());
+    assert!(names.len() <= MOST_PACKAGES_OF_THE_TRAINER, "{} packages", names.len());
     for transport in ["leg-host", "iceoryx2", "serialport"] {
         assert!(!names.contains(transport), "{transport}");
     }
