@@ -46,15 +46,17 @@ fn anchors(markdown: &str) -> Vec<String> {
 }
 
 #[test]
-fn every_path_in_architecture_md_exists() {
-    let text = fs::read_to_string(harness::root().join("ARCHITECTURE.md")).unwrap();
+fn every_path_in_architecture_and_contributing_exists() {
     let is_path = |word: &&str| {
         word.contains('/') && word.chars().all(|c| c.is_alphanumeric() || "/._-".contains(c))
     };
-    let paths: Vec<&str> = text.split('`').skip(1).step_by(2).filter(is_path).collect();
-    assert!(paths.len() > 20, "only {} paths found: are they still in `code`?", paths.len());
-    let missing: Vec<_> = paths.iter().filter(|p| !harness::root().join(p).exists()).collect();
-    assert!(missing.is_empty(), "ARCHITECTURE.md names missing paths: {missing:?}");
+    for (file, at_least) in [("ARCHITECTURE.md", 50), ("CONTRIBUTING.md", 10)] {
+        let text = prose(&fs::read_to_string(harness::root().join(file)).unwrap());
+        let paths: Vec<&str> = text.split('`').skip(1).step_by(2).filter(is_path).collect();
+        assert!(paths.len() >= at_least, "{file}: only {} paths in `code`", paths.len());
+        let missing: Vec<_> = paths.iter().filter(|p| !harness::root().join(p).exists()).collect();
+        assert!(missing.is_empty(), "{file} names missing paths: {missing:?}");
+    }
 }
 
 #[test]
