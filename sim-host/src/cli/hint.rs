@@ -41,6 +41,6 @@ fn hint_on(error: &anyhow::Error) -> Option<String> {
 fn session_error(error: &SessionError) -> Option<String> {
     match error {
         SessionError::Link { cause, .. } => link_error(cause),
-        SessionError::NoAnswer { .. } => None,
+        SessionError::NoAnswer { .. } => Some("--timeout changes the time to wait".to_owned()),
     }
 }

@@ -131,13 +131,13 @@ pub fn run_lock_step(
     Ok(outcome)
 }
 
-/// Connects on `terms` and calls `run`. Returns its result and, if the controller
+/// Connects on `params` and calls `run`. Returns its result and, if the controller
 /// was started here in real time, the report of its loop.
 ///
 /// # Errors
 /// [`PlayError`].
 pub fn connect_and_run<R>(
-    terms: SessionParams,
+    params: SessionParams,
     connect: &ConnectOptions,
     stop: &Stop,
     mut on_event: impl FnMut(SessionEvent<'_>),
@@ -149,7 +149,7 @@ pub fn connect_and_run<R>(
     let mut child =
         connect.start.as_ref().map(ControllerChild::spawn).transpose().map_err(PlayError::Start)?;
 
-    let link = ShmLeg::connect_while(&domain, terms, connect.timeout, stop, |missing| {
+    let link = ShmLeg::connect_while(&domain, params, connect.timeout, stop, |missing| {
         on_event(SessionEvent::Missing(missing));
         child.as_mut().is_none_or(|child| child.ended().is_none())
     });

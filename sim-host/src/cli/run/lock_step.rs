@@ -73,11 +73,11 @@ fn two_processes(
 ) -> anyhow::Result<Outcome> {
     let stop = Stop::on_signals()?;
     let timeout = args.meeting.timeout();
-    let terms = scenario.session_params();
+    let params = scenario.session_params();
     let (outcome, _) = with_controller(
         scenario,
         args,
-        terms,
+        params,
         &stop,
         recording,
         |connected, run_id, recording| {

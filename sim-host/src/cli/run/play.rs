@@ -23,7 +23,7 @@ use crate::session::child::ControllerArgs;
 use crate::session::two_processes::{
     ConnectOptions, Connected, PlayError, SessionEvent, connect_and_run, new_run_id,
 };
-use crate::session::{Ending, Outcome, SessionError};
+use crate::session::{Ending, Outcome};
 
 /// Returns the configuration of a scenario's controller.
 pub(super) fn controller_config(scenario: &Scenario) -> anyhow::Result<Config> {
@@ -62,7 +62,7 @@ pub(super) fn operated(
 pub(super) fn with_controller<R>(
     scenario: &Scenario,
     args: &Args,
-    terms: SessionParams,
+    params: SessionParams,
     stop: &Stop,
     recording: &mut Recording,
     run: impl FnOnce(Connected<'_>, u32, &mut Recording) -> Result<R, PlayError>,
@@ -85,7 +85,7 @@ pub(super) fn with_controller<R>(
     let connect = ConnectOptions { domain, timeout, start, run_id };
     let on_event = printer(args.spawn);
     let run = |connected: Connected<'_>| run(connected, run_id, recording);
-    connect_and_run(terms, &connect, stop, on_event, run).map_err(with_hint)
+    connect_and_run(params, &connect, stop, on_event, run).map_err(mark_misuse)
 }
 
 /// Returns a callback that prints the events of a connection. The loss of a
@@ -104,14 +104,11 @@ fn printer(spawned: bool) -> impl FnMut(SessionEvent<'_>) {
     }
 }
 
-/// Adds the option that helps, and marks errors that the caller can correct.
-fn with_hint(error: PlayError) -> anyhow::Error {
+/// Marks errors that the caller can correct.
+fn mark_misuse(error: PlayError) -> anyhow::Error {
     match &error {
         PlayError::Connect(ConnectError::Domain(DomainError::Name(_))) => misuse(error),
         PlayError::Controller(status) if status.code() == Some(2) => misuse(error),
-        PlayError::Session(SessionError::NoAnswer { .. }) => {
-            anyhow::anyhow!("{error}; --timeout changes the time to wait")
-        }
         _ => error.into(),
     }
 }

@@ -56,11 +56,11 @@ pub(super) fn main(
 fn loop_options(
     args: &RealTime,
     rate_hz: u32,
-    shared: LatestReport,
+    latest: LatestReport,
     recording: &Recording,
 ) -> LoopOptions {
     let observer = recording.tick_observer();
-    LoopOptions { observer, ..args.clock.options(Role::Leg, rate_hz, shared) }
+    LoopOptions { observer, ..args.clock.options(Role::Leg, rate_hz, latest) }
 }
 
 fn two_processes(
@@ -69,8 +69,8 @@ fn two_processes(
     stop: &Stop,
     recording: &mut Recording,
 ) -> anyhow::Result<(Played, Option<LoopReport>)> {
-    let terms = scenario.session_params().with_time_mode(TimeMode::RealTime);
-    with_controller(scenario, args, terms, stop, recording, |connected, run_id, recording| {
+    let params = scenario.session_params().with_time_mode(TimeMode::RealTime);
+    with_controller(scenario, args, params, stop, recording, |connected, run_id, recording| {
         let mut link = connected.link;
         let (_, supervise) = realtime::supervise_peer(&link, stop, None, |event| {
             if let Some(message) = peer_event(event) {
@@ -107,9 +107,9 @@ fn in_process(
     let (mut link, controllers_end) = memory::pair();
     let (played, served) = std::thread::scope(|scope| {
         let serving = scope.spawn(|| {
-            let mut law = Direct { controller: WireController::new(policy, config), config };
+            let mut control = Direct { controller: WireController::new(policy, config), config };
             let options = &controller_options;
-            realtime::serve(controllers_end, &mut law, ExitOn::EndOfRun, options, stop, || ())
+            realtime::serve(controllers_end, &mut control, ExitOn::EndOfRun, options, stop, || ())
         });
         let options = args.real_time.session_options(run_id);
         let of_loop =
