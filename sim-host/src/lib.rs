@@ -1,4 +1,6 @@
-//! The leg on the host: its physics, and the sessions that play it to a controller.
+//! Simulates the spring-legged hopper for a controller: scenarios, sessions in
+//! lock-step and in real time, faults, recordings, a live view, and the bridge to a
+//! flashed controller. The README of the package describes the program.
 
 pub mod bench;
 pub mod bridge;

@@ -1,11 +1,11 @@
-//! `sim-host bench loop`, as a user calls it.
+//! `sim-host bench loop` as a user calls it.
 
 use std::process::Command;
 
 use serde_json::Value;
 
 #[test]
-fn the_tick_and_its_transport_are_measured_between_two_processes() {
+fn bench_loop_reports_times_of_the_tick_and_its_transports() {
     let run = Command::new(env!("CARGO_BIN_EXE_sim-host"))
         .args(["bench", "loop", "--rounds", "1", "--exchanges", "2000", "--json"])
         .output()
@@ -18,6 +18,6 @@ fn the_tick_and_its_transport_are_measured_between_two_processes() {
         assert!(us("p99") <= us("p99_9") && us("p99_9") <= us("max"), "{report}");
     }
     assert!(report["ticks_per_s"].as_f64().expect("a rate") > 0.0);
-    // The whole shore was played, by the shipped policy.
+    // The shipped policy has played the whole demonstration.
     assert!(report["ticks"].as_u64().expect("a count") > 10_000, "{report}");
 }

@@ -24,7 +24,7 @@ fn apex(arguments: &[&str], input: &str) -> Output {
 }
 
 #[test]
-fn golden_cases_go_through_a_file() {
+fn reproduces_the_golden_cases_from_a_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     std::fs::write(path("in.csv"), GOLDEN).unwrap();
@@ -59,7 +59,7 @@ fn golden_cases_go_through_a_file() {
 }
 
 #[test]
-fn absent_columns_have_defaults_and_others_are_ignored() {
+fn uses_defaults_for_absent_columns_and_ignores_unknown_ones() {
     let output = apex(&[], "note,rs,alpha,y,vx\nhello,0,1.5,2,0.5\n");
     assert!(output.status.success(), "{output:?}");
     let text = String::from_utf8(output.stdout).unwrap();
@@ -68,7 +68,7 @@ fn absent_columns_have_defaults_and_others_are_ignored() {
 }
 
 #[test]
-fn a_bad_row_says_where_and_what_and_leaves_the_output_alone() {
+fn reports_a_bad_row_by_place_and_value_and_keeps_the_old_output() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out.csv");
     std::fs::write(&out, "precious").unwrap();
@@ -103,7 +103,7 @@ fn a_bad_row_says_where_and_what_and_leaves_the_output_alone() {
 }
 
 #[test]
-fn what_no_leg_does_is_refused_with_the_limit() {
+fn rejects_values_out_of_range_with_the_limit() {
     let usual = [
         ("m", "80"),
         ("k", "2e4"),
@@ -138,7 +138,7 @@ fn what_no_leg_does_is_refused_with_the_limit() {
 }
 
 #[test]
-fn exit_status_tells_misuse_from_failure() {
+fn exit_status_is_2_for_misuse_and_1_for_failure() {
     let status = |arguments: &[&str], input| apex(arguments, input).status.code();
     assert_eq!(status(&["--frobnicate"], ""), Some(2));
     assert_eq!(status(&["--input", "/no/such/file"], ""), Some(2));

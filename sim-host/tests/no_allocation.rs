@@ -1,12 +1,12 @@
-//! The loops in real time allocate nothing once they are warm, neither the
-//! leg's nor the controller's.
+//! The warm loops in real time do not allocate, neither the leg's nor the
+//! controller's.
 //!
-//! iceoryx2 0.10 does: each loan of a message takes one block of 48 bytes,
-//! which is given back in the same call. The C library serves it from the
-//! thread's own cache, without a lock or a system call. It is held to that.
+//! iceoryx2 0.10 does: each loan of a message allocates one block of 48 bytes and
+//! frees it in the same call. The C library serves it from a cache of the thread,
+//! without a lock or a system call. The tests allow exactly that.
 //!
-//! The crate that counts replaces the allocator of this program, and counts a
-//! thread's own allocations.
+//! The crate `allocation-counter` replaces this program's allocator and counts the
+//! allocations of each thread.
 
 use std::sync::Barrier;
 use std::thread;
@@ -29,10 +29,10 @@ use sim_host::session::real_time::{LegTask, Options};
 use sim_host::session::{Ending, Hooks, Leg, TickRecord};
 
 const RATE_HZ: u32 = 1000;
-/// Ticks after which nothing should be new to a loop any more.
+/// Ticks after which a loop is warm.
 const WARM: u64 = 200;
 
-/// Raises its flag when the loop is warm, and allocates at ticks, if it is told to.
+/// Raises its stop flag when the loop is warm; optionally allocates at every tick.
 #[derive(Default)]
 struct Warm {
     stop: Stop,
@@ -73,8 +73,8 @@ impl Control for WarmLaw<'_> {
     fn reset(&mut self) {}
 }
 
-/// Drives a task until it is warm, and then to its end. Gives what the second
-/// part has allocated, and all counts.
+/// Drives a task until it is warm, and then to its end. Returns the allocations of
+/// the second part and all counts.
 fn measured<T: Task>(task: &mut T, role: Role, warm: &Stop) -> (AllocationInfo, LoopCounters)
 where
     T::Error: std::fmt::Debug,
@@ -83,7 +83,7 @@ where
     let clock = MonotonicClock::new(DEFAULT_SPIN, grid.tick_ns());
     let (mut log, _rows) = StatsWriter::new(RATE_HZ);
     run_ticks(&clock, grid, task, &mut log, warm).expect("a link");
-    assert!(warm.is_raised(), "it was over before it was warm");
+    assert!(warm.is_raised(), "the run ended before the loop was warm");
     let before = log.counters();
     let never = Stop::default();
     let info = measure(|| run_ticks(&clock, grid, task, &mut log, &never).expect("a link"));
@@ -91,7 +91,7 @@ where
     (info, log.counters())
 }
 
-/// Both loops, each in its thread, over a link of which each end is made there.
+/// Plays both loops, each in its own thread, which creates its end of the link.
 fn play<L: LegLink, C: ControllerLink>(
     leg_end: impl FnOnce() -> L,
     controllers_end: impl FnOnce() -> C + Send,
@@ -129,14 +129,14 @@ fn play<L: LegLink, C: ControllerLink>(
 }
 
 #[test]
-fn in_memory_a_warm_loop_allocates_nothing() {
+fn a_warm_loop_over_memory_does_not_allocate() {
     let (leg, controller) = memory::pair();
     let [leg, controller] = play(|| leg, || controller, false);
     assert_eq!((leg.count_total, controller.count_total), (0, 0));
 }
 
 #[test]
-fn what_a_loop_allocates_is_counted() {
+fn the_counter_counts_allocations_of_a_loop() {
     let (leg, controller) = memory::pair();
     let [leg, controller] = play(|| leg, || controller, true);
     assert!(leg.count_total > 500, "{leg:?}");
@@ -144,7 +144,7 @@ fn what_a_loop_allocates_is_counted() {
 }
 
 #[test]
-fn over_shared_memory_only_the_loan_of_a_message_allocates_and_gives_back() {
+fn over_shared_memory_each_send_allocates_and_frees_one_block() {
     const LONG: Duration = Duration::from_secs(20);
     let dir = tempfile::tempdir().expect("a temporary folder");
     let base = dir.path().join("base");

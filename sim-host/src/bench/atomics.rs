@@ -1,4 +1,4 @@
-//! The floor: words in shared memory, guarded by a counter each way.
+//! The lower bound: atomic words in shared memory, with a counter in each direction.
 #![allow(unsafe_code, reason = "a view of shared memory as atomics; nothing else here can do it")]
 
 use std::fs::File;
@@ -12,19 +12,19 @@ use memmap2::{MmapOptions, MmapRaw};
 
 use super::{Ping, Pong, spin_for};
 
-/// Words apart, so that the two directions share no cache line, nor a pair of them.
+/// Distance of the two directions in words; they share no pair of cache lines.
 const STRIDE: usize = 32;
 const WORDS: usize = 2 * STRIDE;
-/// The counter of each direction stands before its words.
+/// Index of the counter of each direction, followed by its words.
 const PING: usize = 0;
 const PONG: usize = STRIDE;
 
-/// The words that two processes share.
+/// The words shared by the two processes.
 struct Shared(MmapRaw);
 
 impl Shared {
     fn path(domain: &Domain) -> PathBuf {
-        // Under the domain's prefix, so that it goes with the domain.
+        // With the domain's prefix, so that it is removed with the domain.
         PathBuf::from(format!("/dev/shm/{}bench", domain.prefix()))
     }
 
@@ -41,8 +41,8 @@ impl Shared {
         unsafe { &*words }
     }
 
-    /// Writes words, then the counter that says so.
-    fn say(&self, at: usize, count: u64, message: &[u64]) {
+    /// Writes words, then the counter that publishes them.
+    fn send(&self, at: usize, count: u64, message: &[u64]) {
         let words = self.words();
         for (word, value) in words[at + 1..].iter().zip(message) {
             word.store(*value, Ordering::Relaxed);
@@ -51,20 +51,20 @@ impl Shared {
     }
 
     /// Waits for the counter, then reads the words.
-    fn hear<const N: usize>(&self, at: usize, count: u64) -> anyhow::Result<[u64; N]> {
+    fn receive<const N: usize>(&self, at: usize, count: u64) -> anyhow::Result<[u64; N]> {
         let words = self.words();
         spin_for(|| Ok((words[at].load(Ordering::Acquire) == count).then_some(())))?;
         Ok(std::array::from_fn(|i| words[at + 1 + i].load(Ordering::Relaxed)))
     }
 }
 
-/// The end that asks.
-pub(super) struct Asker {
+/// The end that sends first.
+pub(super) struct Requester {
     shared: Shared,
     count: u64,
 }
 
-impl Asker {
+impl Requester {
     pub(super) fn create(domain: &Domain) -> anyhow::Result<Self> {
         let path = Shared::path(domain);
         let file = File::options().create(true).truncate(true).read(true).write(true).open(&path);
@@ -76,24 +76,24 @@ impl Asker {
         Ok(Self { shared, count: 0 })
     }
 
-    pub(super) fn ask(&mut self, i: u64) -> anyhow::Result<()> {
+    pub(super) fn exchange(&mut self, i: u64) -> anyhow::Result<()> {
         self.count += 1;
         let ping: Ping = [i; 6];
-        self.shared.say(PING, self.count, &ping);
-        let pong: Pong = self.shared.hear(PONG, self.count)?;
-        anyhow::ensure!(pong == [i; 8], "asked {i}, was answered {pong:?}");
+        self.shared.send(PING, self.count, &ping);
+        let pong: Pong = self.shared.receive(PONG, self.count)?;
+        anyhow::ensure!(pong == [i; 8], "sent {i}, received {pong:?}");
         Ok(())
     }
 }
 
-/// The end that answers.
-pub(super) struct Answerer {
+/// The end that echoes.
+pub(super) struct Responder {
     shared: Shared,
     count: u64,
 }
 
-impl Answerer {
-    /// Waits until the other end has made the memory.
+impl Responder {
+    /// Waits until the other end has created the memory.
     pub(super) fn open(domain: &Domain, timeout: Duration) -> anyhow::Result<Self> {
         let path = Shared::path(domain);
         let start = Instant::now();
@@ -110,12 +110,12 @@ impl Answerer {
         }
     }
 
-    pub(super) fn answer(&mut self, times: u64) -> anyhow::Result<()> {
+    pub(super) fn respond(&mut self, times: u64) -> anyhow::Result<()> {
         for _ in 0..times {
             self.count += 1;
-            let ping: Ping = self.shared.hear(PING, self.count)?;
+            let ping: Ping = self.shared.receive(PING, self.count)?;
             let pong: Pong = [ping[0]; 8];
-            self.shared.say(PONG, self.count, &pong);
+            self.shared.send(PONG, self.count, &pong);
         }
         Ok(())
     }

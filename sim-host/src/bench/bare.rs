@@ -1,5 +1,5 @@
-//! iceoryx2 as it is: a publisher and a subscriber each way, polled, with the
-//! settings of the link and nothing around them.
+//! Bare iceoryx2: a publisher and a polled subscriber in each direction, with the
+//! settings of the link and nothing else.
 
 use anyhow::Context;
 use iceoryx2::port::publisher::Publisher;
@@ -13,7 +13,7 @@ use super::{Ping, Pong, spin_for};
 const PINGS: &str = "bench/pings";
 const PONGS: &str = "bench/pongs";
 
-/// One end.
+/// One end of the exchange.
 struct End<
     Out: ZeroCopySend + std::fmt::Debug + 'static,
     In: ZeroCopySend + std::fmt::Debug + 'static,
@@ -66,31 +66,31 @@ fn service<T: ZeroCopySend + std::fmt::Debug + 'static>(
         .open_or_create()?)
 }
 
-/// The end that asks.
-pub(super) struct Asker(End<Ping, Pong>);
+/// The end that sends first.
+pub(super) struct Requester(End<Ping, Pong>);
 
-impl Asker {
+impl Requester {
     pub(super) fn open(domain: &Domain) -> anyhow::Result<Self> {
         End::open(domain, PINGS, PONGS).map(Self)
     }
 
-    pub(super) fn ask(&mut self, i: u64) -> anyhow::Result<()> {
+    pub(super) fn exchange(&mut self, i: u64) -> anyhow::Result<()> {
         self.0.send([i; 6])?;
         let pong = self.0.receive()?;
-        anyhow::ensure!(pong == [i; 8], "asked {i}, was answered {pong:?}");
+        anyhow::ensure!(pong == [i; 8], "sent {i}, received {pong:?}");
         Ok(())
     }
 }
 
-/// The end that answers.
-pub(super) struct Answerer(End<Pong, Ping>);
+/// The end that echoes.
+pub(super) struct Responder(End<Pong, Ping>);
 
-impl Answerer {
+impl Responder {
     pub(super) fn open(domain: &Domain) -> anyhow::Result<Self> {
         End::open(domain, PONGS, PINGS).map(Self)
     }
 
-    pub(super) fn answer(&mut self, times: u64) -> anyhow::Result<()> {
+    pub(super) fn respond(&mut self, times: u64) -> anyhow::Result<()> {
         for _ in 0..times {
             let ping = self.0.receive()?;
             self.0.send([ping[0]; 8])?;

@@ -1,10 +1,13 @@
-//! What a tick in lock-step costs between two processes, beside what its
-//! transport costs: bare atomics in shared memory, bare iceoryx2, and the whole
-//! tick (sample, guard, gait, cascade, command, plant).
+//! Benchmark of a tick in lock-step between two processes, beside its transport:
+//! bare atomics in shared memory, bare iceoryx2, and the whole tick (sample, guard,
+//! gait, cascade, command, plant).
 //!
-//! The three are measured in turn, round by round, between the same two
-//! processes, so that whatever else the machine does hits all alike. Every
-//! exchange carries a sample's 48 bytes one way and a command's 64 the other.
+//! The three are measured in turn, round by round, between the same two processes,
+//! so that other load on the machine affects all alike. Every exchange carries the
+//! 48 bytes of a sample in one direction and the 64 of a command in the other.
+//!
+//! It is a subcommand and not a bench target, because users compare their own
+//! machine with it, without a checkout.
 
 mod atomics;
 mod bare;
@@ -26,19 +29,19 @@ use crate::scenario::Scenario;
 use crate::session::lock_step::{self, Options};
 use crate::session::{RoundTripUs, RoundTrips};
 
-/// Patience of either process with the other.
+/// Longest wait of either process for the other.
 const TIMEOUT: Duration = Duration::from_secs(10);
-/// Exchanges before the first that counts.
+/// Exchanges before the first one that is measured.
 const WARM_UP: u64 = 10_000;
 
-/// A sample's words, and a command's.
+/// As large as a sample and as a command.
 type Ping = [u64; 6];
 type Pong = [u64; 8];
 
-/// How much is measured.
+/// Size of the measurement.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub struct Size {
-    /// Rounds; in each, the three are measured once.
+    /// Number of rounds; in each, the three are measured once.
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub rounds: u32,
     /// Exchanges of each of the two bare transports in a round.
@@ -46,43 +49,43 @@ pub struct Size {
     pub exchanges: u64,
 }
 
-/// What was measured, by the names that scripts read.
+/// Result of the benchmark; its fields are the keys of the JSON output.
 #[derive(Clone, Debug, Serialize)]
-pub struct Report {
-    /// There and back through two atomics in shared memory.
+pub struct BenchReport {
+    /// Round trip through atomics in shared memory, us.
     pub raw_shm_us: RoundTripUs,
-    /// There and back through bare iceoryx2.
+    /// Round trip through bare iceoryx2, us.
     pub raw_iceoryx2_us: RoundTripUs,
-    /// From one tick to the next, everything in it.
+    /// Time from one tick to the next, us.
     pub full_tick_us: RoundTripUs,
-    /// Ticks a second, over a whole run; of the median round.
+    /// Ticks per second of the median round.
     pub ticks_per_s: f64,
     /// Median full tick over median exchange of bare iceoryx2.
     pub full_tick_over_iceoryx2: f64,
-    /// Rounds.
+    /// Number of rounds.
     pub rounds: u32,
-    /// Ticks in all.
+    /// Number of ticks in all rounds.
     pub ticks: u64,
 }
 
 /// Measures, with [`echo`] running in another process of `domain`.
 ///
 /// # Errors
-/// When the other process does not come, or goes.
-pub fn measure(domain: &Arc<Domain>, size: Size) -> anyhow::Result<Report> {
+/// If the other process does not connect or ends early.
+pub fn measure(domain: &Arc<Domain>, size: Size) -> anyhow::Result<BenchReport> {
     let scenario = Scenario::shore();
-    let mut atomics = atomics::Asker::create(domain)?;
-    let mut bare = bare::Asker::open(domain)?;
+    let mut atomics = atomics::Requester::create(domain)?;
+    let mut bare = bare::Requester::open(domain)?;
     let mut leg = ShmLeg::connect(domain, scenario.session_params(), TIMEOUT, &Stop::default())?;
 
     let mut times = [(); 3].map(|()| RoundTrips::default());
     let [raw, iceoryx2, full] = &mut times;
     let (mut rates, mut ticks) = (Vec::new(), 0);
-    exchange(WARM_UP, &mut RoundTrips::default(), |i| atomics.ask(i))?;
-    exchange(WARM_UP, &mut RoundTrips::default(), |i| bare.ask(i))?;
+    exchange(WARM_UP, &mut RoundTrips::default(), |i| atomics.exchange(i))?;
+    exchange(WARM_UP, &mut RoundTrips::default(), |i| bare.exchange(i))?;
     for round in 0..size.rounds {
-        exchange(size.exchanges, raw, |i| atomics.ask(i))?;
-        exchange(size.exchanges, iceoryx2, |i| bare.ask(i))?;
+        exchange(size.exchanges, raw, |i| atomics.exchange(i))?;
+        exchange(size.exchanges, iceoryx2, |i| bare.exchange(i))?;
         let options = Options { run_id: round + 1, timeout: TIMEOUT };
         let mut last = Instant::now();
         let outcome = lock_step::run(&scenario, &mut leg, options, |_| {
@@ -95,7 +98,7 @@ pub fn measure(domain: &Arc<Domain>, size: Size) -> anyhow::Result<Report> {
     }
     rates.sort_unstable_by(f64::total_cmp);
     let [raw_shm_us, raw_iceoryx2_us, full_tick_us] = times.map(|times| times.quantiles_us());
-    Ok(Report {
+    Ok(BenchReport {
         raw_shm_us,
         raw_iceoryx2_us,
         full_tick_us,
@@ -106,25 +109,25 @@ pub fn measure(domain: &Arc<Domain>, size: Size) -> anyhow::Result<Report> {
     })
 }
 
-/// The other process: answers whatever [`measure`] asks.
+/// Runs the other process, which answers [`measure`].
 ///
 /// # Errors
-/// When the first process does not come, or goes.
+/// If the first process does not connect or ends early.
 pub fn echo(domain: &Arc<Domain>, size: Size) -> anyhow::Result<()> {
     let scenario = Scenario::shore();
     let blob = PolicyFile::load(None)?;
     let config = Config::at_rate(scenario.rate_hz)?;
     let mut controller = WireController::new(blob.policy()?, config);
 
-    let mut atomics = atomics::Answerer::open(domain, TIMEOUT)?;
-    let mut bare = bare::Answerer::open(domain)?;
+    let mut atomics = atomics::Responder::open(domain, TIMEOUT)?;
+    let mut bare = bare::Responder::open(domain)?;
     let mut link =
         ShmController::connect(domain, scenario.session_params(), TIMEOUT, &Stop::default())?;
-    atomics.answer(WARM_UP)?;
-    bare.answer(WARM_UP)?;
+    atomics.respond(WARM_UP)?;
+    bare.respond(WARM_UP)?;
     for _ in 0..size.rounds {
-        atomics.answer(size.exchanges)?;
-        bare.answer(size.exchanges)?;
+        atomics.respond(size.exchanges)?;
+        bare.respond(size.exchanges)?;
         serve(&mut link, TIMEOUT, |sample| controller.tick(Some(sample)))?;
     }
     Ok(())
@@ -133,18 +136,18 @@ pub fn echo(domain: &Arc<Domain>, size: Size) -> anyhow::Result<()> {
 fn exchange(
     times: u64,
     taken: &mut RoundTrips,
-    mut ask: impl FnMut(u64) -> anyhow::Result<()>,
+    mut round_trip: impl FnMut(u64) -> anyhow::Result<()>,
 ) -> anyhow::Result<()> {
     for i in 1..=times {
         let start = Instant::now();
-        ask(i)?;
+        round_trip(i)?;
         taken.record(start.elapsed());
     }
     Ok(())
 }
 
-/// Spins for an answer: the fastest wait there is while both have a core of
-/// their own, and it lets go of the core when they share one.
+/// Spins for an answer, which is the fastest wait while each process has its own
+/// core, and yields the core if they share one.
 fn spin_for<T>(mut poll: impl FnMut() -> anyhow::Result<Option<T>>) -> anyhow::Result<T> {
     const SPINS: u32 = 20_000;
     let start = Instant::now();
@@ -160,9 +163,9 @@ fn spin_for<T>(mut poll: impl FnMut() -> anyhow::Result<Option<T>>) -> anyhow::R
     }
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for BenchReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "us, there and back{:>16}{:>9}{:>9}{:>10}", "p50", "p99", "p99.9", "max")?;
+        writeln!(f, "us, round trip{:>20}{:>9}{:>9}{:>10}", "p50", "p99", "p99.9", "max")?;
         for (name, us) in [
             ("bare shared memory", self.raw_shm_us),
             ("bare iceoryx2", self.raw_iceoryx2_us),

@@ -20,7 +20,11 @@ pub(super) struct Args {
 pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     match watch::run(&args.domain) {
         Ok(()) => Ok(ExitCode::SUCCESS),
-        Err(error @ (WatchError::Connect(_) | WatchError::NoTerminal)) => Err(misuse(error)),
+        Err(WatchError::NoTerminal) => Err(misuse(format!(
+            "{}; `sim-host run --record FILE` and `sim-host plot` need none",
+            WatchError::NoTerminal
+        ))),
+        Err(error @ WatchError::Connect(_)) => Err(misuse(error)),
         Err(error) => Err(error.into()),
     }
 }

@@ -1,4 +1,4 @@
-//! What of a recording is drawn.
+//! Reads the data of a recording for its plot.
 
 use std::ops::Range;
 use std::path::Path;
@@ -9,52 +9,53 @@ use crate::record::read::{ReadError, Reader};
 use crate::record::schema::{AnyMessage, Apex, Command, Event, Sample, State};
 use crate::scenario::{Scenario, Settings};
 
-/// Points of a line, about: more than that cannot be told apart.
+/// Points of a line, at least this and at most twice this many; more could not be
+/// distinguished in a plot.
 const POINTS: usize = 2_500;
 
 /// A line over time, s.
 pub(super) type Line = Vec<(f64, f64)>;
 
-/// The course of a run, over a stretch of its time.
+/// The data of a run over a span of its time.
 #[derive(Clone, Debug, Default)]
 pub struct Course {
-    /// The recording's file, and what it says of the run.
+    /// File name and description of the run.
     pub(super) title: String,
-    /// When the whole recording ends, s.
+    /// End of the whole recording, s.
     pub end_s: f64,
-    /// What is wrong with the file.
+    /// What was wrong with the file.
     pub warning: Option<String>,
     /// Height of the mass, m.
     pub(super) height: Line,
     /// Horizontal velocity, m/s.
     pub(super) velocity: Line,
-    /// The velocity asked for, where it changes, m/s.
+    /// Set-point where it changes, m/s.
     pub(super) set_point: Line,
     /// Density of the medium over that of water.
     pub(super) density: Line,
-    /// Leg angle as commanded, from upright, deg.
+    /// Commanded leg angle from upright, deg.
     pub(super) leg_angle: Line,
-    /// Elongation of the spring as commanded, cm.
+    /// Commanded elongation of the spring, cm.
     pub(super) elongation: Line,
-    /// Every apex.
+    /// All apexes.
     pub(super) apexes: Vec<Apex>,
-    /// Everything else that happened.
+    /// All other events.
     pub(super) events: Vec<Event>,
-    /// Stretches under a safe command, s.
+    /// Spans under a safe command, s.
     pub(super) safe: Vec<Range<f64>>,
-    /// Stretches that the recording lacks, s.
+    /// Spans missing from the recording, s.
     pub(super) gaps: Vec<Range<f64>>,
 }
 
-/// A line that is thinned as it grows, so that it keeps its look at any length.
+/// A line that drops every second point when it grows too long.
 #[derive(Debug, Default)]
-struct Thinned {
+struct DecimatedLine {
     line: Line,
     stride: usize,
     seen: usize,
 }
 
-impl Thinned {
+impl DecimatedLine {
     fn push(&mut self, t_s: f64, value: f64) {
         if self.seen.is_multiple_of(self.stride.max(1)) {
             self.line.push((t_s, value));
@@ -71,7 +72,7 @@ impl Thinned {
     }
 }
 
-/// A line that is only where it changes.
+/// Appends a point if the value has changed.
 fn push_change(line: &mut Line, t_s: f64, value: f64) {
     if line.last().is_none_or(|(_, last)| last.to_bits() != value.to_bits()) {
         line.push((t_s, value));
@@ -79,10 +80,10 @@ fn push_change(line: &mut Line, t_s: f64, value: f64) {
 }
 
 impl Course {
-    /// Reads what lies in `span`, s.
+    /// Reads the part of a recording within `span`, s.
     ///
     /// # Errors
-    /// [`ReadError`].
+    /// [`ReadError`] if the file is not a recording.
     pub fn read(path: &Path, span: Range<f64>) -> Result<Self, ReadError> {
         let mut reader = Reader::open(path)?;
         let mut builder = Builder::new(span);
@@ -114,13 +115,13 @@ impl Course {
         Ok(course)
     }
 
-    /// Whether there is nothing to draw.
+    /// Returns whether the span contains fewer than two ticks.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.height.len() < 2
     }
 
-    /// The time that it covers, s.
+    /// Returns the time span of the data, s.
     #[must_use]
     pub fn span(&self) -> Range<f64> {
         let ends = |line: &Line| Some(line.first()?.0..line.last()?.0);
@@ -133,15 +134,15 @@ struct Builder {
     span: Range<f64>,
     rate_hz: f64,
     max_elongation_m: f64,
-    /// Run and number of the last sample.
+    /// Run id and number of the last sample.
     last: Option<(u32, u64)>,
     /// Ticks of the runs before this one.
-    before: u64,
+    earlier_ticks: u64,
     course: Course,
-    height: Thinned,
-    velocity: Thinned,
-    leg_angle: Thinned,
-    elongation: Thinned,
+    height: DecimatedLine,
+    velocity: DecimatedLine,
+    leg_angle: DecimatedLine,
+    elongation: DecimatedLine,
 }
 
 impl Builder {
@@ -151,18 +152,18 @@ impl Builder {
             rate_hz: 1000.0,
             max_elongation_m: f64::INFINITY,
             last: None,
-            before: 0,
+            earlier_ticks: 0,
             course: Course::default(),
-            height: Thinned::default(),
-            velocity: Thinned::default(),
-            leg_angle: Thinned::default(),
-            elongation: Thinned::default(),
+            height: DecimatedLine::default(),
+            velocity: DecimatedLine::default(),
+            leg_angle: DecimatedLine::default(),
+            elongation: DecimatedLine::default(),
         }
     }
 
     fn configure(&mut self, rate_hz: u32, scenario: &str) {
         self.rate_hz = f64::from(rate_hz.max(1));
-        // Only for what the leg can follow of a ramp: without it, the ramp is drawn.
+        // Limits the drawn ramp to what the leg can follow; unknown if the scenario is invalid.
         let settings = Settings::from_toml(scenario).ok();
         if let Some(scenario) = settings.and_then(|s| Scenario::from_settings(&s).ok()) {
             self.max_elongation_m = scenario.leg.parameters().max_elongation_m;
@@ -170,17 +171,17 @@ impl Builder {
     }
 
     fn time_s(&self, seq: u64) -> f64 {
-        (self.before + seq) as f64 / self.rate_hz
+        (self.earlier_ticks + seq) as f64 / self.rate_hz
     }
 
-    /// The time of a tick, when it is to be drawn.
-    fn drawn(&self, seq: u64) -> Option<f64> {
+    /// Returns the time of a tick if it lies in the span.
+    fn time_in_span(&self, seq: u64) -> Option<f64> {
         Some(self.time_s(seq)).filter(|t_s| self.span.contains(t_s))
     }
 
     fn sample(&mut self, sample: &Sample) {
         match self.last.replace((sample.run_id, sample.seq)) {
-            Some((run_id, last)) if run_id != sample.run_id => self.before += last + 1,
+            Some((run_id, last)) if run_id != sample.run_id => self.earlier_ticks += last + 1,
             Some((_, last)) if sample.seq > last + 1 => {
                 let gap = self.time_s(last + 1)..self.time_s(sample.seq);
                 if self.span.contains(&gap.start) && self.span.contains(&gap.end) {
@@ -190,16 +191,16 @@ impl Builder {
             _ => (),
         }
         self.course.end_s = self.time_s(sample.seq);
-        if let Some(t_s) = self.drawn(sample.seq) {
+        if let Some(t_s) = self.time_in_span(sample.seq) {
             push_change(&mut self.course.set_point, t_s, sample.set_point_m_s.into());
         }
     }
 
     fn command(&mut self, command: &Command) {
-        let Some(t_s) = self.drawn(command.tick) else { return };
+        let Some(t_s) = self.time_in_span(command.tick) else { return };
         let upright_rad = f64::from(command.leg_angle_rad) - std::f64::consts::FRAC_PI_2;
         self.leg_angle.push(t_s, upright_rad.to_degrees());
-        // The ramp goes on from the tick that it answers.
+        // The ramp starts at the tick that the command answers.
         let age_s = command.tick.saturating_sub(command.seq) as f64 / self.rate_hz;
         let ramp_m =
             f64::from(command.elongation_m) + f64::from(command.elongation_rate_m_s) * age_s;
@@ -207,14 +208,14 @@ impl Builder {
         if command.flags & u32::from(flags::SAFE) != 0 {
             let next_s = t_s + 1.0 / self.rate_hz;
             match self.course.safe.last_mut() {
-                Some(stretch) if t_s - stretch.end < 0.5 / self.rate_hz => stretch.end = next_s,
+                Some(span) if t_s - span.end < 0.5 / self.rate_hz => span.end = next_s,
                 _ => self.course.safe.push(t_s..next_s),
             }
         }
     }
 
     fn state(&mut self, state: &State) {
-        let Some(t_s) = self.drawn(state.seq) else { return };
+        let Some(t_s) = self.time_in_span(state.seq) else { return };
         self.height.push(t_s, state.y_m);
         self.velocity.push(t_s, state.vx_m_s);
         push_change(&mut self.course.density, t_s, state.density_ratio);
@@ -226,7 +227,7 @@ impl Builder {
         course.velocity = self.velocity.line;
         course.leg_angle = self.leg_angle.line;
         course.elongation = self.elongation.line;
-        // Levels are held up to the end.
+        // Step lines continue to the end.
         let end_s = course.span().end;
         for line in [&mut course.set_point, &mut course.density] {
             if let Some(&(_, level)) = line.last() {
@@ -242,17 +243,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_is_thinned_evenly_and_keeps_its_beginning() {
-        let mut thinned = Thinned::default();
-        (0..1_000_000).for_each(|i| thinned.push(f64::from(i), 0.0));
-        let times: Vec<f64> = thinned.line.iter().map(|p| p.0).collect();
+    fn a_decimated_line_has_even_spacing_and_keeps_its_start() {
+        let mut decimated = DecimatedLine::default();
+        (0..1_000_000).for_each(|i| decimated.push(f64::from(i), 0.0));
+        let times: Vec<f64> = decimated.line.iter().map(|p| p.0).collect();
         assert!((POINTS..2 * POINTS).contains(&times.len()), "{}", times.len());
         assert!(times.windows(2).all(|w| w[1] - w[0] == times[1] - times[0]));
         assert_eq!(times[0], 0.0);
     }
 
     #[test]
-    fn a_level_is_told_where_it_changes() {
+    fn a_step_line_has_points_only_where_it_changes() {
         let mut line = Line::new();
         for (t, level) in [(0.0, 1.0), (1.0, 1.0), (2.0, 0.5), (3.0, 0.5)] {
             push_change(&mut line, t, level);

@@ -1,4 +1,4 @@
-//! A recording as a picture.
+//! Plots a recording.
 
 mod course;
 pub mod picture;

@@ -1,4 +1,4 @@
-//! The view in a terminal: keys in, pictures out, the terminal left as it was.
+//! Runs the view in a terminal: reads keys, draws frames, restores the terminal.
 
 use std::io::{self, IsTerminal};
 use std::time::{Duration, Instant};
@@ -15,29 +15,27 @@ use super::scene::Scene;
 use super::view;
 use crate::operate::LegRequest;
 
-/// Between two pictures.
-const FRAME: Duration = Duration::from_millis(33);
-/// Between two looks at the newest messages: at 1 kHz it misses few.
-const LISTEN: Duration = Duration::from_millis(2);
+/// Time between two frames.
+const FRAME_INTERVAL: Duration = Duration::from_millis(33);
+/// Time between two polls of the newest messages; at 1 kHz few are missed.
+const POLL_INTERVAL: Duration = Duration::from_millis(2);
 
-/// Why there is nothing to watch.
+/// Why the view cannot be shown.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WatchError {
-    /// The domain cannot be looked at.
+    /// The domain's name is invalid, or its services cannot be opened.
     #[error(transparent)]
     Connect(#[from] ConnectError),
-    /// Nobody could see it.
-    #[error(
-        "the live view needs a terminal, and standard output or input is none; `sim-host run --record FILE` and `sim-host plot` need no terminal"
-    )]
+    /// Standard input or output is not a terminal.
+    #[error("the live view needs a terminal, but standard input or output is not one")]
     NoTerminal,
-    /// The terminal, or the system, refused.
-    #[error("the terminal: {0}")]
+    /// Reading from or drawing to the terminal failed.
+    #[error("the terminal failed: {0}")]
     Terminal(#[from] io::Error),
 }
 
-/// Shows the domain of this name until the user leaves or a signal comes.
+/// Shows `domain` until the user leaves or a signal arrives.
 ///
 /// # Errors
 /// [`WatchError`].
@@ -47,13 +45,13 @@ pub fn run(domain: &str) -> Result<(), WatchError> {
         return Err(WatchError::NoTerminal);
     }
     let stop = Stop::on_signals()?;
-    // A panic restores the terminal too: that is what this sets up.
+    // Also installs a panic hook that restores the terminal.
     let mut terminal = ratatui::try_init()?;
     let shown = show(&mut terminal, &mut feed, domain, &stop);
     let restored = ratatui::try_restore();
     shown?;
-    // With the terminal closed there is nothing to restore.
-    if stop.is_raised() || listen() == Listened::Gone { Ok(()) } else { Ok(restored?) }
+    // A closed terminal cannot be restored.
+    if stop.is_raised() || wait_for_key() == Input::Closed { Ok(()) } else { Ok(restored?) }
 }
 
 fn show(
@@ -65,69 +63,69 @@ fn show(
     let mut scene = Scene::new(domain);
     let mut drawn: Option<Instant> = None;
     while !stop.is_raised() {
-        feed.bring(&mut scene);
-        if drawn.is_none_or(|drawn| drawn.elapsed() >= FRAME) {
+        feed.update(&mut scene);
+        if drawn.is_none_or(|drawn| drawn.elapsed() >= FRAME_INTERVAL) {
             drawn = Some(Instant::now());
             terminal.draw(|frame| view::draw(frame, &scene))?;
         }
-        let listened = listen();
-        if listened == Listened::Gone {
+        let input = wait_for_key();
+        if input == Input::Closed {
             return Ok(());
         }
-        if listened == Listened::Key
+        if input == Input::Key
             && event::poll(Duration::ZERO)?
             && let Event::Key(key) = event::read()?
             && let Some(action) = action(key)
         {
             match action {
                 Action::Leave => return Ok(()),
-                action => feed.order(request(action, &mut scene)),
+                action => feed.send(request(action, &mut scene)),
             }
         }
     }
     Ok(())
 }
 
-/// What a wait for the keyboard came to.
+/// Result of waiting for a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Listened {
-    Nothing,
+enum Input {
+    None,
     Key,
     /// The terminal is closed.
-    Gone,
+    Closed,
 }
 
-/// Waits for a key. A terminal that is closed also sends a hang-up, but under
-/// `nohup` nobody hears it, and the library would read from it for ever.
-fn listen() -> Listened {
-    let input = io::stdin();
-    let mut polled = [PollFd::new(&input, PollFlags::IN)];
-    let timeout = Timespec { tv_sec: 0, tv_nsec: i64::from(LISTEN.subsec_nanos()) };
-    // A signal that comes in between is no key.
+/// Waits for a key. A closed terminal also sends SIGHUP, but under `nohup` that is
+/// ignored, and crossterm would then read from the terminal for ever.
+fn wait_for_key() -> Input {
+    let stdin = io::stdin();
+    let mut polled = [PollFd::new(&stdin, PollFlags::IN)];
+    let timeout = Timespec { tv_sec: 0, tv_nsec: i64::from(POLL_INTERVAL.subsec_nanos()) };
+    // An interruption by a signal counts as no key.
     let _ = poll(&mut polled, Some(&timeout));
     let found = polled[0].revents();
     if found.intersects(PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL) {
-        Listened::Gone
+        Input::Closed
     } else if found.contains(PollFlags::IN) {
-        Listened::Key
+        Input::Key
     } else {
-        Listened::Nothing
+        Input::None
     }
 }
 
-/// What an action asks of the leg.
+/// Returns the request to the leg for an action.
 fn request(action: Action, scene: &mut Scene) -> LegRequest {
     match action {
         Action::Leave => LegRequest::Status,
         Action::EndRun => LegRequest::Quit,
-        Action::AsPlanned => LegRequest::SetPoint { m_s: None },
+        Action::ResetSetPoint => LegRequest::SetPoint { m_s: None },
         Action::Pause if scene.leg.as_ref().is_some_and(|leg| leg.is_paused) => LegRequest::Resume,
         Action::Pause => LegRequest::Pause,
-        Action::Faster(by_m_s) => {
+        Action::ChangeSetPoint(by_m_s) => {
             let ordered_m_s = scene.leg.as_ref().and_then(|leg| leg.ordered_m_s);
             let now_m_s = scene.sample.map_or(0.0, |sample| f64::from(sample.set_point_m_s));
             let m_s = round(ordered_m_s.unwrap_or(now_m_s) + by_m_s);
-            // So that a second press counts from the first, however slow the answer is.
+            // Stored at once, so that a second press before the answer adds to the first.
             if let Some(leg) = &mut scene.leg {
                 leg.ordered_m_s = Some(m_s);
             }
@@ -136,7 +134,7 @@ fn request(action: Action, scene: &mut Scene) -> LegRequest {
     }
 }
 
-/// To whole hundredths: ten tenths are 1.
+/// Rounds to hundredths, so that ten steps of 0.1 give 1.
 fn round(m_s: f64) -> f64 {
     (100.0 * m_s).round() / 100.0
 }
@@ -146,7 +144,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ten_tenths_are_one() {
+    fn ten_steps_of_a_tenth_give_one() {
         let mut m_s = 0.0;
         (0..10).for_each(|_| m_s = round(m_s + 0.1));
         assert_eq!(m_s, 1.0);

@@ -1,4 +1,4 @@
-//! What the view goes by, from where it comes.
+//! Collects the data for the view.
 
 use std::sync::mpsc::{self, Receiver, Sender, TryRecvError};
 use std::thread::JoinHandle;
@@ -11,63 +11,70 @@ use leg_host::shm::{ConnectError, Observer, Participants};
 use super::scene::Scene;
 use crate::operate::{LegRequest, LegStatus};
 
-/// Between two looks who plays.
-const LOOK: Duration = Duration::from_millis(25);
-/// Between two questions at the desks.
-const ASK: Duration = Duration::from_millis(100);
-/// For an answer.
-const PATIENCE: Duration = Duration::from_millis(500);
+/// Time between two checks which processes are present.
+const PRESENCE_INTERVAL: Duration = Duration::from_millis(25);
+/// Time between two status requests.
+const STATUS_INTERVAL: Duration = Duration::from_millis(100);
+/// Longest wait for an answer.
+const TIMEOUT: Duration = Duration::from_millis(500);
 
-/// What comes from the desks.
+/// An answer from leg or controller; `None` if there was none.
 #[derive(Debug)]
-enum News {
+enum Answer {
     Leg(Option<Box<LegStatus>>),
     Controller(Option<Box<requests::Status>>),
     Refused(String),
 }
 
-/// Brings samples, commands and answers to a scene.
+/// Passes samples, commands and status answers to a scene.
 #[derive(Debug)]
 pub(super) struct Feed {
     domain: String,
     observer: Option<Observer>,
-    looked: Option<Instant>,
-    orders: Option<Sender<LegRequest>>,
-    news: Receiver<News>,
-    asker: Option<JoinHandle<()>>,
+    checked: Option<Instant>,
+    requests: Option<Sender<LegRequest>>,
+    answers: Receiver<Answer>,
+    requester: Option<JoinHandle<()>>,
 }
 
 impl Feed {
-    /// Of the domain of this name, where perhaps nobody plays yet.
+    /// Creates a feed of `domain`, in which no process need be present yet.
     ///
     /// # Errors
-    /// When the name is unfit.
+    /// If the name is invalid.
     pub(super) fn begin(domain: &str) -> Result<Self, ConnectError> {
         Participants::of(domain)?;
-        let (orders, inbox) = mpsc::channel();
-        let (outbox, news) = mpsc::channel();
+        let (requests, request_receiver) = mpsc::channel();
+        let (answer_sender, answers) = mpsc::channel();
         let name = domain.to_owned();
-        let asker = std::thread::Builder::new()
-            .name("ask".to_owned())
-            .spawn(move || ask(&name, &inbox, &outbox))
+        let requester = std::thread::Builder::new()
+            .name("requests".to_owned())
+            .spawn(move || exchange_requests(&name, &request_receiver, &answer_sender))
             .ok();
         let domain = domain.to_owned();
-        Ok(Self { domain, observer: None, looked: None, orders: Some(orders), news, asker })
+        Ok(Self {
+            domain,
+            observer: None,
+            checked: None,
+            requests: Some(requests),
+            answers,
+            requester,
+        })
     }
 
-    /// Passes an order to the leg; what comes of it is said later.
-    pub(super) fn order(&self, request: LegRequest) {
-        if let Some(orders) = &self.orders {
-            let _ = orders.send(request);
+    /// Sends a request to the leg; its answer arrives with a later update.
+    pub(super) fn send(&self, request: LegRequest) {
+        if let Some(requests) = &self.requests {
+            let _ = requests.send(request);
         }
     }
 
-    /// Brings what there is. Takes some microseconds, and more when somebody
-    /// has come or gone.
-    pub(super) fn bring(&mut self, scene: &mut Scene) {
-        if self.looked.is_none_or(|looked| looked.elapsed() >= LOOK) {
-            self.looked = Some(Instant::now());
-            self.look(scene);
+    /// Updates the scene. This takes some microseconds, and more after a process has
+    /// started or stopped.
+    pub(super) fn update(&mut self, scene: &mut Scene) {
+        if self.checked.is_none_or(|checked| checked.elapsed() >= PRESENCE_INTERVAL) {
+            self.checked = Some(Instant::now());
+            self.check_presence(scene);
         }
         if let Some(observer) = &self.observer {
             if let Some(sample) = observer.sample() {
@@ -77,18 +84,18 @@ impl Feed {
                 scene.take_command(&command);
             }
         }
-        while let Ok(news) = self.news.try_recv() {
-            match news {
-                News::Leg(status) => scene.take_leg(status.map(|s| *s), Instant::now()),
-                News::Controller(status) => scene.controller = status.map(|s| *s),
-                News::Refused(why) => scene.say(why),
+        while let Ok(answer) = self.answers.try_recv() {
+            match answer {
+                Answer::Leg(status) => scene.take_leg(status.map(|s| *s), Instant::now()),
+                Answer::Controller(status) => scene.controller = status.map(|s| *s),
+                Answer::Refused(why) => scene.show_message(why),
             }
         }
     }
 
-    /// Comes and goes with the players: who watches must not be the one for
-    /// whose sake a domain stays.
-    fn look(&mut self, scene: &mut Scene) {
+    /// Joins and leaves the domain with the processes in it, so that the view does
+    /// not keep a domain alive.
+    fn check_presence(&mut self, scene: &mut Scene) {
         let players = Participants::of(&self.domain).unwrap_or_default();
         scene.players = players;
         if !players.any() {
@@ -96,7 +103,7 @@ impl Feed {
                 scene.clear();
             }
         } else if self.observer.is_none() {
-            // The first of them may not have made the services yet: the next look tells.
+            // The services may not exist yet; the next check tries again.
             self.observer = Observer::join(&self.domain).ok();
         }
     }
@@ -104,40 +111,45 @@ impl Feed {
 
 impl Drop for Feed {
     fn drop(&mut self) {
-        self.orders = None;
-        if let Some(asker) = self.asker.take() {
-            let _ = asker.join();
+        self.requests = None;
+        if let Some(requester) = self.requester.take() {
+            let _ = requester.join();
         }
     }
 }
 
-/// Asks both desks now and then, and passes orders on, until nobody orders any more.
-fn ask(domain: &str, orders: &Receiver<LegRequest>, news: &Sender<News>) {
+/// Requests the status of both processes periodically and sends the user's
+/// requests, until the feed is dropped.
+fn exchange_requests(domain: &str, requests: &Receiver<LegRequest>, answers: &Sender<Answer>) {
     loop {
-        let leg = match orders.try_recv() {
-            Ok(order) => ask_leg(domain, &order, news),
-            Err(TryRecvError::Empty) => ask_leg(domain, &LegRequest::Status, news),
+        let leg = match requests.try_recv() {
+            Ok(request) => request_leg(domain, &request, answers),
+            Err(TryRecvError::Empty) => request_leg(domain, &LegRequest::Status, answers),
             Err(TryRecvError::Disconnected) => return,
         };
         let status: Result<requests::Status, AskError> =
-            desk::ask(domain, Role::Controller, &requests::Request::Status, PATIENCE);
-        let _ = news.send(News::Leg(leg));
-        let _ = news.send(News::Controller(status.ok().map(Box::new)));
-        // An order does not wait for the next question.
-        match orders.recv_timeout(ASK) {
-            Ok(order) => drop(ask_leg(domain, &order, news)),
+            desk::ask(domain, Role::Controller, &requests::Request::Status, TIMEOUT);
+        let _ = answers.send(Answer::Leg(leg));
+        let _ = answers.send(Answer::Controller(status.ok().map(Box::new)));
+        // A request of the user does not wait for the next status request.
+        match requests.recv_timeout(STATUS_INTERVAL) {
+            Ok(request) => drop(request_leg(domain, &request, answers)),
             Err(mpsc::RecvTimeoutError::Timeout) => (),
             Err(mpsc::RecvTimeoutError::Disconnected) => return,
         }
     }
 }
 
-fn ask_leg(domain: &str, request: &LegRequest, news: &Sender<News>) -> Option<Box<LegStatus>> {
-    match desk::ask(domain, Role::Leg, request, PATIENCE) {
+fn request_leg(
+    domain: &str,
+    request: &LegRequest,
+    answers: &Sender<Answer>,
+) -> Option<Box<LegStatus>> {
+    match desk::ask(domain, Role::Leg, request, TIMEOUT) {
         Ok(status) => Some(Box::new(status)),
         Err(error) => {
             if *request != LegRequest::Status {
-                let _ = news.send(News::Refused(error.to_string()));
+                let _ = answers.send(Answer::Refused(error.to_string()));
             }
             None
         }

@@ -1,27 +1,27 @@
-//! What the keys do.
+//! Keyboard commands of the live view.
 
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
-/// What a key asks for.
+/// A command by key.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Action {
-    /// Leave; the run goes on.
+    /// Leave the view; the run continues.
     Leave,
     /// End the run.
     EndRun,
-    /// Pause, or go on.
+    /// Pause or resume the run.
     Pause,
-    /// Change the set-point by so much, m/s.
-    Faster(f64),
-    /// The scenario's own set-point again.
-    AsPlanned,
+    /// Change the set-point by this value, m/s.
+    ChangeSetPoint(f64),
+    /// Return to the scenario's set-point.
+    ResetSetPoint,
 }
 
-/// What is said of the keys.
+/// The help line.
 pub(super) const HELP: &str =
-    "arrows: set-point  s: scenario's own  space: pause  q: leave  Q: end the run";
+    "arrows: set-point  s: scenario's set-point  space: pause  q: leave  Q: end the run";
 
-/// What a key asks for, if anything.
+/// Returns the action of a key, if it has one.
 #[must_use]
 pub(super) fn action(key: KeyEvent) -> Option<Action> {
     if key.kind == KeyEventKind::Release {
@@ -33,9 +33,9 @@ pub(super) fn action(key: KeyEvent) -> Option<Action> {
         KeyCode::Char('q') | KeyCode::Esc => Some(Action::Leave),
         KeyCode::Char('Q') => Some(Action::EndRun),
         KeyCode::Char(' ') => Some(Action::Pause),
-        KeyCode::Char('s') => Some(Action::AsPlanned),
-        KeyCode::Up | KeyCode::Right => Some(Action::Faster(0.1)),
-        KeyCode::Down | KeyCode::Left => Some(Action::Faster(-0.1)),
+        KeyCode::Char('s') => Some(Action::ResetSetPoint),
+        KeyCode::Up | KeyCode::Right => Some(Action::ChangeSetPoint(0.1)),
+        KeyCode::Down | KeyCode::Left => Some(Action::ChangeSetPoint(-0.1)),
         _ => None,
     }
 }
@@ -45,13 +45,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_small_q_leaves_and_a_great_one_ends_the_run() {
+    fn lower_case_q_leaves_and_upper_case_q_ends_the_run() {
         let press = |code, modifiers| action(KeyEvent::new(code, modifiers));
         assert_eq!(press(KeyCode::Char('q'), KeyModifiers::NONE), Some(Action::Leave));
         assert_eq!(press(KeyCode::Char('Q'), KeyModifiers::SHIFT), Some(Action::EndRun));
         assert_eq!(press(KeyCode::Char('c'), KeyModifiers::CONTROL), Some(Action::Leave));
         assert_eq!(press(KeyCode::Char('c'), KeyModifiers::NONE), None);
-        assert_eq!(press(KeyCode::Up, KeyModifiers::NONE), Some(Action::Faster(0.1)));
+        assert_eq!(press(KeyCode::Up, KeyModifiers::NONE), Some(Action::ChangeSetPoint(0.1)));
         let release =
             KeyEvent::new_with_kind(KeyCode::Char('q'), KeyModifiers::NONE, KeyEventKind::Release);
         assert_eq!(action(release), None);

@@ -1,9 +1,8 @@
 //! A live view of a running leg, in a terminal.
 //!
-//! It hears samples and commands as an observer, asks both desks how it goes,
-//! and never waits for any of them: `feed` brings what there is, `scene`
-//! keeps what is to be seen of it, `view` draws that. Processes may come and
-//! go meanwhile.
+//! It receives samples and commands as an observer, requests the status of leg and
+//! controller, and never makes them wait: `feed` collects the data, `scene` keeps
+//! what is shown, `view` draws it. The processes may start and stop meanwhile.
 
 mod app;
 mod feed;

@@ -1,4 +1,4 @@
-//! What is to be seen: the leg as it stands, where it has been, and its hops.
+//! The data shown: the leg, its recent path, and its hops.
 
 use std::collections::VecDeque;
 use std::f64::consts::FRAC_PI_2;
@@ -10,64 +10,64 @@ use leg_host::shm::Participants;
 
 use crate::operate::LegStatus;
 
-/// Hops that are kept.
-const HOPS: usize = 60;
-/// Points of the path, at most.
-const TRAIL: usize = 400;
-/// The path is drawn for so long, s.
+/// Number of hops kept.
+const MAX_HOPS: usize = 60;
+/// Most points of the path.
+const MAX_TRAIL: usize = 400;
+/// Duration of the path shown, s.
 const TRAIL_S: f64 = 2.5;
-/// What is said stays so long.
-const SAID: Duration = Duration::from_secs(4);
+/// Time for which a message is shown.
+const MESSAGE_TIME: Duration = Duration::from_secs(4);
 
-/// An apex, as the controller saw it.
+/// An apex as the controller found it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hop {
-    /// Its number in the run.
+    /// Number of the apex in the run.
     pub number: u32,
     /// Horizontal velocity, m/s.
     pub vx_m_s: f64,
-    /// The velocity asked for, m/s.
+    /// Set-point, m/s.
     pub set_point_m_s: f64,
-    /// The density ratio that the controller went by.
+    /// Density ratio that the actor received.
     pub density_ratio: f64,
 }
 
-/// All that is to be seen.
+/// All data shown.
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
-    /// The domain that is watched.
+    /// The domain watched.
     pub domain: String,
-    /// Who plays there.
+    /// The processes present in it.
     pub players: Participants,
     /// The newest sample.
     pub sample: Option<Sample>,
     /// The newest command.
     pub command: Option<Command>,
-    /// Place of the mass, m: as the leg's desk tells it and, in between, by its
-    /// velocity. (A sample does not say it.)
+    /// Horizontal position of the mass, m: from the leg's status and, in between,
+    /// integrated from the velocity, because a sample does not contain it.
     pub x_m: f64,
-    /// Where the mass was: time, place, height.
+    /// Recent path of the mass: time in s, position and height in m.
     pub trail: VecDeque<(f64, f64, f64)>,
     /// The last hops.
     pub hops: VecDeque<Hop>,
-    /// What the leg's desk says.
+    /// Status of the leg, if it answers.
     pub leg: Option<LegStatus>,
-    /// What the controller's desk says.
+    /// Status of the controller, if it answers.
     pub controller: Option<requests::Status>,
-    /// Simulated seconds in a second.
+    /// Simulated time per wall time.
     pub speed: Option<f64>,
-    said: Option<(Instant, String)>,
+    message: Option<(Instant, String)>,
     measured: Option<(Instant, u64)>,
 }
 
 impl Scene {
-    /// Nothing to be seen yet.
+    /// Creates an empty scene.
     #[must_use]
     pub fn new(domain: &str) -> Self {
         Self { domain: domain.to_owned(), ..Self::default() }
     }
 
-    /// Takes in a sample.
+    /// Adds a sample.
     pub fn take_sample(&mut self, sample: &Sample) {
         if sample.ends_the_run() {
             return;
@@ -76,13 +76,13 @@ impl Scene {
         if let Some(last) = self.sample {
             let last_s = seconds(last.header.t_ns);
             if last.header.run_id != sample.header.run_id || t_s < last_s {
-                self.begin_anew();
+                self.reset_path();
             } else {
                 self.x_m += f64::from(sample.vx_m_s) * (t_s - last_s);
             }
         }
-        // Points that lie closer cannot be told apart.
-        if self.trail.back().is_none_or(|last| t_s - last.0 >= TRAIL_S / TRAIL as f64) {
+        // Closer points could not be distinguished.
+        if self.trail.back().is_none_or(|last| t_s - last.0 >= TRAIL_S / MAX_TRAIL as f64) {
             self.trail.push_back((t_s, self.x_m, sample.y_m.into()));
         }
         while self.trail.front().is_some_and(|p| p.0 < t_s - TRAIL_S) {
@@ -91,11 +91,11 @@ impl Scene {
         self.sample = Some(*sample);
     }
 
-    /// Takes in a command.
+    /// Adds a command.
     pub fn take_command(&mut self, command: &Command) {
-        let told = self.hops.back().map_or(0, |hop| hop.number);
-        if command.apexes != told && command.apexes > 0 {
-            if command.apexes < told {
+        let last = self.hops.back().map_or(0, |hop| hop.number);
+        if command.apexes != last && command.apexes > 0 {
+            if command.apexes < last {
                 self.hops.clear();
             }
             self.hops.push_back(Hop {
@@ -104,21 +104,21 @@ impl Scene {
                 set_point_m_s: self.sample.map_or(0.0, |sample| sample.set_point_m_s.into()),
                 density_ratio: command.density_ratio.into(),
             });
-            if self.hops.len() > HOPS {
+            if self.hops.len() > MAX_HOPS {
                 self.hops.pop_front();
             }
         }
         self.command = Some(*command);
     }
 
-    /// Takes in what the leg's desk says, or that it says nothing.
+    /// Sets the status of the leg; `None` if it did not answer.
     pub fn take_leg(&mut self, status: Option<LegStatus>, now: Instant) {
         if let (Some(status), Some(sample)) = (&status, &self.sample)
             && status.run_id == sample.header.run_id
         {
             let ahead_s = seconds(sample.header.t_ns) - status.t_s;
             let x_m = status.x_m + f64::from(sample.vx_m_s) * ahead_s;
-            // The path that was guessed is set right as a whole.
+            // The integrated path is corrected as a whole.
             let shift_m = x_m - self.x_m;
             self.trail.iter_mut().for_each(|point| point.1 += shift_m);
             self.x_m = x_m;
@@ -135,31 +135,32 @@ impl Scene {
         self.leg = status;
     }
 
-    /// Says something to the user, for a while.
-    pub fn say(&mut self, what: String) {
-        self.said = Some((Instant::now(), what));
+    /// Shows a message to the user for some seconds.
+    pub fn show_message(&mut self, text: String) {
+        self.message = Some((Instant::now(), text));
     }
 
-    /// What is said now.
+    /// Returns the message to show now.
     #[must_use]
-    pub fn said(&self) -> Option<&str> {
-        self.said.as_ref().filter(|(when, _)| when.elapsed() < SAID).map(|(_, what)| what.as_str())
+    pub fn message(&self) -> Option<&str> {
+        let message = self.message.as_ref().filter(|(when, _)| when.elapsed() < MESSAGE_TIME);
+        message.map(|(_, text)| text.as_str())
     }
 
-    /// Forgets the run, as when nobody plays any more.
+    /// Discards the data of the run.
     pub fn clear(&mut self) {
-        self.begin_anew();
+        self.reset_path();
         (self.sample, self.command, self.leg, self.controller) = (None, None, None, None);
         (self.speed, self.measured) = (None, None);
     }
 
-    fn begin_anew(&mut self) {
+    fn reset_path(&mut self) {
         self.trail.clear();
         self.hops.clear();
         self.x_m = 0.0;
     }
 
-    /// Foot and mass, m, while there is a leg.
+    /// Returns the positions of foot and mass, m, if there is a leg.
     #[must_use]
     pub fn leg(&self) -> Option<[(f64, f64); 2]> {
         let sample = self.sample?;
@@ -168,7 +169,7 @@ impl Scene {
         let angle_rad = self.command.map_or(FRAC_PI_2, |command| command.leg_angle_rad.into());
         let mass = (self.x_m, y_m);
         let foot = if sample.is_in_contact() {
-            // On the ground; on which side, the angle tells.
+            // On the ground, on the side that the commanded angle gives.
             let reach_m = (length_m * length_m - y_m * y_m).max(0.0).sqrt();
             (self.x_m - reach_m.copysign(angle_rad.cos()), 0.0)
         } else {
@@ -177,12 +178,12 @@ impl Scene {
         Some([foot, mass])
     }
 
-    /// Density over that of water: the true one where the leg tells it, else
-    /// the controller's.
+    /// Returns the density over that of water: the true one if the leg answers, else
+    /// the one that the controller uses.
     #[must_use]
     pub fn density_ratio(&self) -> Option<f64> {
-        let told = self.leg.as_ref().map(|leg| leg.density_ratio);
-        told.or_else(|| self.command.map(|command| command.density_ratio.into()))
+        let true_ratio = self.leg.as_ref().map(|leg| leg.density_ratio);
+        true_ratio.or_else(|| self.command.map(|command| command.density_ratio.into()))
     }
 }
 
@@ -204,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn the_leg_stands_where_sample_and_command_say() {
+    fn places_foot_and_mass_by_sample_and_command() {
         let mut scene = Scene::new("d");
         assert_eq!(scene.leg(), None);
         scene.take_sample(&sample(1, 0, true));
@@ -219,13 +220,13 @@ mod tests {
         assert!((mass.0 - 1.2).abs() < 1e-6);
         let length = (foot.0 - mass.0).hypot(foot.1 - mass.1);
         assert!((length - 1.0).abs() < 1e-6 && foot.0 > mass.0, "{foot:?}");
-        // Another run begins at its own place, without a trail.
+        // Another run starts at its own position without a trail.
         scene.take_sample(&sample(2, 0, false));
         assert_eq!((scene.x_m, scene.trail.len()), (0.0, 1));
     }
 
     #[test]
-    fn each_apex_is_a_hop_also_when_some_are_missed() {
+    fn adds_a_hop_per_apex_seen() {
         let mut scene = Scene::new("d");
         scene.take_sample(&sample(1, 0, false));
         let apex = |apexes| Command { apexes, apex_vx_m_s: apexes as f32, ..Command::default() };
@@ -235,8 +236,8 @@ mod tests {
         let numbers: Vec<_> = scene.hops.iter().map(|hop| hop.number).collect();
         assert_eq!(numbers, [1, 2, 5]);
         scene.take_command(&apex(1));
-        assert_eq!(scene.hops.len(), 1, "a controller that began anew");
+        assert_eq!(scene.hops.len(), 1, "a controller that restarted");
         (2..200).for_each(|n| scene.take_command(&apex(n)));
-        assert_eq!((scene.hops.len(), scene.hops.back().unwrap().number), (HOPS, 199));
+        assert_eq!((scene.hops.len(), scene.hops.back().unwrap().number), (MAX_HOPS, 199));
     }
 }

@@ -1,4 +1,4 @@
-//! The picture of a scene.
+//! Draws a scene.
 
 use leg_host::TimeMode;
 use ratatui::Frame;
@@ -17,11 +17,11 @@ const PUSH: Color = Color::Rgb(90, 220, 170);
 const BODY: Color = Color::Rgb(255, 176, 80);
 const TRAIL: Color = Color::Rgb(130, 130, 150);
 const GROUND: Color = Color::Rgb(196, 178, 142);
-const ASKED: Color = Color::Rgb(240, 130, 60);
+const SET_POINT: Color = Color::Rgb(240, 130, 60);
 const ALARM: Color = Color::Rgb(255, 90, 90);
-/// Radius of the mass as drawn, m.
+/// Radius of the drawn mass, m.
 const RADIUS_M: f64 = 0.11;
-/// Lowest and highest height in the picture, m.
+/// Lowest and highest height shown, m.
 const HEIGHT_M: [f64; 2] = [-0.25, 3.0];
 
 /// Draws `scene` over the whole frame.
@@ -41,31 +41,32 @@ pub fn draw(frame: &mut Frame<'_>, scene: &Scene) {
     draw_stage(frame, stage, scene);
     draw_hops(frame, chart, scene);
     times::draw_loops(frame, below, &loops);
-    draw_figures(frame, right, scene);
-    let line =
-        scene.said().map_or_else(|| Line::from(HELP).dim(), |said| Line::from(said).fg(ALARM));
+    draw_values(frame, right, scene);
+    let line = scene
+        .message()
+        .map_or_else(|| Line::from(HELP).dim(), |message| Line::from(message).fg(ALARM));
     frame.render_widget(line, foot);
 }
 
 fn headline(scene: &Scene) -> Line<'_> {
     let mut spans = vec![Span::from(" sim-host watch ").bold().reversed(), Span::from(" ")];
     spans.push(Span::from(format!("domain {}  ", scene.domain)));
-    let player = |there: bool, name: &'static str| {
-        if there {
+    let presence = |is_present: bool, name: &'static str| {
+        if is_present {
             Span::from(format!("{name} ✔  "))
         } else {
             Span::from(format!("{name} ✘  ")).fg(ALARM)
         }
     };
-    spans.push(player(scene.players.leg, "leg"));
-    spans.push(player(scene.players.controller, "controller"));
+    spans.push(presence(scene.players.leg, "leg"));
+    spans.push(presence(scene.players.controller, "controller"));
     if let Some(leg) = &scene.leg {
         spans.push(Span::from(leg.pace.to_string()));
         if let Some(speed) = scene.speed.filter(|_| leg.pace == TimeMode::LockStep) {
             spans.push(Span::from(format!(", {speed:.1} times real time")));
         }
         if leg.is_paused {
-            spans.push(Span::from("  PAUSED").fg(ASKED).bold());
+            spans.push(Span::from("  PAUSED").fg(SET_POINT).bold());
         }
     }
     if is_safe(scene) {
@@ -78,7 +79,7 @@ fn is_safe(scene: &Scene) -> bool {
     scene.command.is_some_and(|command| command.is_safe())
 }
 
-/// The colour of the medium: black air, blue water.
+/// Returns the colour of the medium, from black for air to blue for water.
 fn medium(density_ratio: f64) -> Color {
     let part = density_ratio.clamp(0.0, 1.0);
     let shade = |full: f64| (part * full).round() as u8;
@@ -87,10 +88,10 @@ fn medium(density_ratio: f64) -> Color {
 
 fn draw_stage(frame: &mut Frame<'_>, area: Rect, scene: &Scene) {
     let block = Block::bordered().title(match scene.density_ratio() {
-        None => " nobody is hopping here yet ".to_owned(),
+        None => " waiting for a leg ".to_owned(),
         Some(density) => format!(" x {:.2} m, density {density:.3} ", scene.x_m),
     });
-    // A metre is as long up as along: a cell is about twice as high as wide.
+    // Equal scales in both directions: a cell is about twice as high as wide.
     let [low, high] = HEIGHT_M;
     let inner = block.inner(area);
     let m_per_row = (high - low) / f64::from(inner.height.max(1));
@@ -130,9 +131,9 @@ fn paint(context: &mut Context<'_>, scene: &Scene, half_m: f64) {
 fn draw_hops(frame: &mut Frame<'_>, area: Rect, scene: &Scene) {
     let seen: Vec<(f64, f64)> =
         scene.hops.iter().map(|hop| (f64::from(hop.number), hop.vx_m_s)).collect();
-    let asked: Vec<(f64, f64)> =
+    let set_points: Vec<(f64, f64)> =
         scene.hops.iter().map(|hop| (f64::from(hop.number), hop.set_point_m_s)).collect();
-    let values = || seen.iter().chain(&asked).map(|point| point.1).filter(|v| v.is_finite());
+    let values = || seen.iter().chain(&set_points).map(|point| point.1).filter(|v| v.is_finite());
     let low = values().fold(0.0, f64::min) - 0.1;
     let high = values().fold(0.4, f64::max) + 0.1;
     let first = seen.first().map_or(0.0, |point| point.0);
@@ -140,11 +141,11 @@ fn draw_hops(frame: &mut Frame<'_>, area: Rect, scene: &Scene) {
     let label = |value: f64| format!("{value:.1}");
     let chart = Chart::new(vec![
         Dataset::default()
-            .name("asked")
+            .name("set-point")
             .marker(Marker::Braille)
             .graph_type(GraphType::Line)
-            .style(Style::new().fg(ASKED))
-            .data(&asked),
+            .style(Style::new().fg(SET_POINT))
+            .data(&set_points),
         Dataset::default()
             .name("apex")
             .marker(Marker::Dot)
@@ -164,7 +165,7 @@ fn draw_hops(frame: &mut Frame<'_>, area: Rect, scene: &Scene) {
     frame.render_widget(chart, area);
 }
 
-fn draw_figures(frame: &mut Frame<'_>, area: Rect, scene: &Scene) {
+fn draw_values(frame: &mut Frame<'_>, area: Rect, scene: &Scene) {
     let [density, leg, controller, times] = Layout::vertical([
         Constraint::Length(3),
         Constraint::Length(10),
@@ -174,7 +175,7 @@ fn draw_figures(frame: &mut Frame<'_>, area: Rect, scene: &Scene) {
     .areas(area);
     let estimate = scene.command.map_or(0.0, |command| f64::from(command.density_ratio));
     let gauge = Gauge::default()
-        .block(Block::bordered().title(" density as estimated "))
+        .block(Block::bordered().title(" density used by the actor "))
         .gauge_style(Style::new().fg(Color::Rgb(60, 130, 210)))
         .ratio(if estimate.is_finite() { estimate.clamp(0.0, 1.0) } else { 0.0 })
         .label(format!("{estimate:.3}"));
@@ -190,12 +191,12 @@ fn draw_figures(frame: &mut Frame<'_>, area: Rect, scene: &Scene) {
     times::draw_round_trips(frame, times, scene);
 }
 
-/// A name, and its figure right of it.
-fn row(name: &'static str, figure: String) -> Line<'static> {
-    Line::from(vec![Span::from(format!("{name:<15}")).dim(), Span::from(figure)])
+/// Formats a name and its value.
+fn row(name: &'static str, value: String) -> Line<'static> {
+    Line::from(vec![Span::from(format!("{name:<15}")).dim(), Span::from(value)])
 }
 
-/// The same, in alarm when there is something to count.
+/// Formats a name and a count, highlighted if the count is not 0.
 fn count(name: &'static str, count: u64) -> Line<'static> {
     let line = row(name, count.to_string());
     if count > 0 { line.fg(ALARM) } else { line }
@@ -208,8 +209,8 @@ fn leg_lines(scene: &Scene) -> Vec<Line<'static>> {
         lines.push(row("time", format!("{t_s:.2} s, tick {}", sample.header.seq)));
         lines.push(row("height", format!("{:.2} m", sample.y_m)));
         lines.push(row("velocity", format!("{:+.2} {:+.2} m/s", sample.vx_m_s, sample.vy_m_s)));
-        let by_hand = scene.leg.as_ref().is_some_and(|leg| leg.ordered_m_s.is_some());
-        let by = if by_hand { ", by hand" } else { "" };
+        let by_key = scene.leg.as_ref().is_some_and(|leg| leg.ordered_m_s.is_some());
+        let by = if by_key { ", by key" } else { "" };
         lines.push(row("set-point", format!("{:+.2} m/s{by}", sample.set_point_m_s)));
     }
     if let Some(leg) = &scene.leg {
@@ -218,7 +219,7 @@ fn leg_lines(scene: &Scene) -> Vec<Line<'static>> {
         lines.push(row("safe ticks", leg.safe_ticks.to_string()));
         lines.push(count("without command", leg.held_ticks));
     } else if scene.sample.is_some() {
-        lines.push(Line::from("(its desk does not answer)").dim());
+        lines.push(Line::from("(no status)").dim());
     }
     lines
 }
@@ -226,10 +227,7 @@ fn leg_lines(scene: &Scene) -> Vec<Line<'static>> {
 fn controller_lines(scene: &Scene) -> Vec<Line<'static>> {
     let Some(status) = &scene.controller else {
         let rejected = scene.command.map_or(0, |command| command.rejected);
-        return vec![
-            Line::from("(its desk does not answer)").dim(),
-            count("rejected", rejected.into()),
-        ];
+        return vec![Line::from("(no status)").dim(), count("rejected", rejected.into())];
     };
     let rejected = &status.rejected;
     let mut lines = vec![
@@ -238,7 +236,7 @@ fn controller_lines(scene: &Scene) -> Vec<Line<'static>> {
         row("swaps", status.swaps.to_string()),
     ];
     if let Some(pending) = &status.pending {
-        lines.push(row("at next apex", pending.name.clone()).fg(ASKED));
+        lines.push(row("at next apex", pending.name.clone()).fg(SET_POINT));
     }
     lines.extend([
         count("rejected", rejected.ticks.into()),

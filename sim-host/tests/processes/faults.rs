@@ -14,7 +14,7 @@ fn with(seed: &'static str, faults: &[&'static str]) -> Vec<&'static str> {
 }
 
 #[test]
-fn faults_over_shared_memory_are_the_same_again_by_the_same_seed() {
+fn faults_over_shared_memory_are_reproducible_by_seed() {
     let place = Place::new();
     let storm = ["drop=0.1", "jitter=2", "corrupt=0.01", "noise=0.01", "freeze=3,chance=0.01"];
     let one = place.alone(&with("4", &storm)).end();
@@ -37,7 +37,7 @@ fn faults_over_shared_memory_are_the_same_again_by_the_same_seed() {
 }
 
 #[test]
-fn a_fault_that_never_fired_is_said_and_changes_nothing() {
+fn reports_a_fault_that_was_never_applied() {
     let place = Place::new();
     let plain = place.alone(&with("0", &[])).end();
     let never = place.alone(&with("0", &["drop=1,from=9"])).end();
@@ -51,7 +51,7 @@ fn a_fault_that_never_fired_is_said_and_changes_nothing() {
 }
 
 #[test]
-fn faults_that_cannot_be_are_refused_and_help_lists_them() {
+fn rejects_invalid_faults_and_lists_the_valid_ones() {
     let place = Place::new();
     place.simulator(&["--fault", "drp=1"]).end().assert(2, &["`drp` is not a fault", "reorder"]);
     place.simulator(&["--fault", "drop=7"]).end().assert(2, &["drop is 7", "from 0 to 1"]);
@@ -61,7 +61,7 @@ fn faults_that_cannot_be_are_refused_and_help_lists_them() {
 }
 
 #[test]
-fn a_small_sweep_has_the_same_bits_by_one_thread_and_by_two() {
+fn a_sweep_gives_equal_bits_with_one_and_two_threads() {
     let place = Place::new();
     let sweep = |jobs: &str, folder: &str| {
         let out = place.file(folder);

@@ -1,4 +1,4 @@
-//! Real processes over real shared memory: meeting, parting, and dying.
+//! Real processes over real shared memory: connecting, leaving, and being killed.
 
 mod bridge;
 mod faults;
@@ -16,16 +16,16 @@ use std::time::Duration;
 use place::{Place, text};
 use rustix::process::Signal;
 
-/// Time for the machine to notice a death, well within the timeout given.
+/// Time within which the death of a process must be noticed.
 const SOON: Duration = Duration::from_secs(8);
 const PATIENT: [&str; 2] = ["--timeout", "30"];
-/// Outlives its test.
+/// Runs longer than its test.
 const ENDLESS: [&str; 4] = ["--duration", "80000", "--timeout", "30"];
 const SHORT: [&str; 4] = ["--duration", "20", "--start-vx", "0.2"];
 
-/// As under `| head -1`.
+/// A closed pipe is what `| head -1` causes.
 #[test]
-fn a_reader_that_has_gone_is_no_failure_and_a_full_disk_is_one() {
+fn a_closed_output_pipe_is_success_and_a_full_disk_a_failure() {
     let to = |out: Stdio| {
         let mut program = Command::new(place::PROGRAM);
         program.args(["run", "--in-process", "--duration", "1"]).stdout(out).output().unwrap()
@@ -37,12 +37,12 @@ fn a_reader_that_has_gone_is_no_failure_and_a_full_disk_is_one() {
     let full = fs::File::options().write(true).open("/dev/full").unwrap();
     let run = to(full.into());
     assert_eq!(run.status.code(), Some(1));
-    let said = String::from_utf8_lossy(&run.stderr).into_owned();
-    assert!(said.contains("No space left") && !said.contains("panicked"), "{said}");
+    let stderr = String::from_utf8_lossy(&run.stderr).into_owned();
+    assert!(stderr.contains("No space left") && !stderr.contains("panicked"), "{stderr}");
 }
 
 #[test]
-fn the_same_run_has_the_same_hash_with_any_controller() {
+fn a_run_has_the_same_hash_with_any_controller() {
     let place = Place::new();
     let spawned = place.alone(&[&["--spawn"], &SHORT[..]].concat()).end();
     let again = place.alone(&[&["--spawn"], &SHORT[..]].concat()).end();
@@ -69,7 +69,7 @@ fn the_same_run_has_the_same_hash_with_any_controller() {
 }
 
 #[test]
-fn a_missing_peer_is_named_with_the_command_that_starts_it() {
+fn names_a_missing_peer_and_the_command_to_start_it() {
     let place = Place::new();
     let simulator = place.simulator(&["--timeout", "1.5"]).end();
     simulator.assert(1, &["still waiting", "no controller", "controller --policy", "--timeout"]);
@@ -80,7 +80,7 @@ fn a_missing_peer_is_named_with_the_command_that_starts_it() {
 }
 
 #[test]
-fn a_killed_controller_is_reported_and_may_be_started_again() {
+fn reports_a_killed_controller_and_accepts_another() {
     let place = Place::new();
     for _ in 0..2 {
         let simulator = place.simulator(&["--duration", "80000", "--timeout", "1"]);
@@ -98,7 +98,7 @@ fn a_killed_controller_is_reported_and_may_be_started_again() {
 }
 
 #[test]
-fn a_killed_simulator_is_reported_and_may_be_started_again() {
+fn reports_a_killed_simulator_and_accepts_another() {
     let place = Place::new();
     for _ in 0..2 {
         let mut simulator = place.simulator(&ENDLESS);
@@ -114,7 +114,7 @@ fn a_killed_simulator_is_reported_and_may_be_started_again() {
 }
 
 #[test]
-fn a_peer_may_be_started_anew_while_the_killed_one_is_still_unnoticed() {
+fn accepts_a_new_peer_before_the_death_of_the_old_one_is_noticed() {
     let place = Place::new();
     let mut simulator = place.simulator(&ENDLESS);
     let controller = place.controller(&PATIENT);
@@ -138,7 +138,7 @@ fn a_peer_may_be_started_anew_while_the_killed_one_is_still_unnoticed() {
 }
 
 #[test]
-fn signals_end_a_run_in_good_order() {
+fn a_signal_ends_a_run_and_cleans_up() {
     let place = Place::new();
     let hang_up = requirements::sighup();
     for signal in [Signal::INT, Signal::TERM].into_iter().chain(hang_up.then_some(Signal::HUP)) {
@@ -185,7 +185,7 @@ fn signals_end_a_run_in_good_order() {
 }
 
 #[test]
-fn a_second_player_of_a_role_is_refused() {
+fn refuses_a_second_process_in_the_same_role() {
     let place = Place::new();
     let mut simulator = place.simulator(&ENDLESS);
     let mut controller = place.controller(&PATIENT);
@@ -206,7 +206,7 @@ fn a_second_player_of_a_role_is_refused() {
 }
 
 #[test]
-fn a_rate_that_disagrees_is_refused_on_both_sides() {
+fn both_sides_refuse_different_rates() {
     let place = Place::new();
     let simulator = place.simulator(&[&["--rate", "2000"], &PATIENT[..]].concat());
     let controller = place.controller(&PATIENT).end();
@@ -217,7 +217,7 @@ fn a_rate_that_disagrees_is_refused_on_both_sides() {
 }
 
 #[test]
-fn two_gravities_are_refused_on_both_sides() {
+fn both_sides_refuse_different_gravities() {
     let place = Place::new();
     let simulator = place.simulator(&[&["--medium", "moon"], &PATIENT[..]].concat());
     let controller = place.controller(&PATIENT).end();
@@ -238,7 +238,7 @@ fn two_gravities_are_refused_on_both_sides() {
 }
 
 #[test]
-fn a_policy_on_another_leg_runs_with_one_warning() {
+fn warns_once_of_a_policy_for_another_leg() {
     let place = Place::new();
     let crab = ["--leg", "crab", "--duration", "0.1", "--timeout", "30"];
     let warning = "warning: the policy hop in place was trained for another leg (80 kg";
@@ -256,7 +256,7 @@ fn a_policy_on_another_leg_runs_with_one_warning() {
 }
 
 #[test]
-fn a_picture_that_cannot_be_written_is_found_before_the_run() {
+fn reports_an_unwritable_picture_before_the_run() {
     let place = Place::new();
     let in_the_way = place.policy();
     let shore = place.shore(&in_the_way).end();
@@ -267,7 +267,7 @@ fn a_picture_that_cannot_be_written_is_found_before_the_run() {
 }
 
 #[test]
-fn a_run_in_the_safe_state_throughout_is_warned_of() {
+fn warns_of_a_run_entirely_in_the_safe_state() {
     let place = Place::new();
     let floats = ["--in-process", "--json", "--density-ratio", "2", "--start-y", "99"];
     let floats = place.alone(&floats).end();
@@ -282,7 +282,7 @@ fn a_run_in_the_safe_state_throughout_is_warned_of() {
 }
 
 #[test]
-fn what_cannot_be_run_is_refused_with_status_2() {
+fn rejects_invalid_scenarios_with_status_2() {
     let place = Place::new();
     let missing = text(&place.base()).to_owned() + ".none";
     place.controller(&["--rate", "7"]).end().assert(2, &["7 Hz", "50"]);
@@ -321,7 +321,7 @@ fn what_cannot_be_run_is_refused_with_status_2() {
 }
 
 #[test]
-fn a_started_controller_never_outlives_its_simulator() {
+fn a_spawned_controller_ends_with_its_simulator() {
     let place = Place::new();
     let mut simulator = place.alone(&[&["--spawn"], &ENDLESS[..]].concat());
     let domain = format!("run-{}", simulator.pid());
@@ -343,7 +343,7 @@ fn a_started_controller_never_outlives_its_simulator() {
 }
 
 #[test]
-fn what_two_killed_processes_leave_is_removed_by_the_next_to_come() {
+fn the_next_process_removes_the_remains_of_killed_ones() {
     let place = Place::new();
     let simulator = place.simulator(&ENDLESS);
     let controller = place.controller(&PATIENT);

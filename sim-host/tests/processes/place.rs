@@ -1,4 +1,4 @@
-//! A temporary folder in which processes of one test meet, and the processes.
+//! A temporary directory with domains of its own for the processes of one test.
 
 use std::ffi::OsStr;
 use std::fs;
@@ -14,10 +14,10 @@ use tempfile::TempDir;
 
 pub(crate) const PROGRAM: &str = env!("CARGO_BIN_EXE_sim-host");
 const DOMAIN: &str = "test";
-/// Longer than any process here should live.
+/// Longest life of a process in a test.
 const LONG: Duration = Duration::from_mins(1);
 
-/// Where the processes of a test meet. Nobody else does.
+/// Isolates the processes of a test from all others.
 pub(crate) struct Place {
     dir: TempDir,
 }
@@ -30,13 +30,13 @@ impl Place {
         place
     }
 
-    /// The folder of all domains of this place.
+    /// Returns the directory of all domains of this place.
     pub(crate) fn base(&self) -> PathBuf {
         let user = rustix::process::getuid().as_raw();
         self.dir.path().join(format!("spring-leg-{user}"))
     }
 
-    /// A file of this name.
+    /// Returns the path of a file in this place.
     pub(crate) fn file(&self, name: &str) -> PathBuf {
         self.dir.path().join(name)
     }
@@ -57,46 +57,46 @@ impl Place {
         program
     }
 
-    /// Any command of the program.
+    /// Starts a subcommand.
     pub(crate) fn start(&self, command: &str, arguments: &[&str]) -> Running {
         Running(Some(self.program(command, arguments).spawn().expect("start")))
     }
 
-    /// A simulator that waits for its controller here.
+    /// Starts a simulator in the test domain.
     pub(crate) fn simulator(&self, arguments: &[&str]) -> Running {
         self.start("run", &[&["--domain", DOMAIN], arguments].concat())
     }
 
-    /// A controller that waits for its simulator here, for one run.
+    /// Starts a controller in the test domain for one run.
     pub(crate) fn controller(&self, arguments: &[&str]) -> Running {
         self.staying(&[&["--once"], arguments].concat())
     }
 
-    /// A controller that stays here.
+    /// Starts a controller in the test domain for any number of runs.
     pub(crate) fn staying(&self, arguments: &[&str]) -> Running {
         let policy = self.policy();
         let own = ["--domain", DOMAIN, "--policy", text(&policy)];
         self.start("controller", &[&own, arguments].concat())
     }
 
-    /// Tells or asks the controller here.
-    pub(crate) fn ask(&self, what: &[&str]) -> Ended {
+    /// Sends a request to the controller by its command line.
+    pub(crate) fn request(&self, what: &[&str]) -> Ended {
         self.start("controller", &[what, &["--domain", DOMAIN]].concat()).end()
     }
 
-    /// The status of the controller here.
+    /// Returns the status of the controller.
     #[track_caller]
     pub(crate) fn status(&self) -> serde_json::Value {
-        let status = self.ask(&["status", "--json"]);
+        let status = self.request(&["status", "--json"]);
         serde_json::from_str(&status.assert_ok().out).expect("JSON")
     }
 
-    /// Waits until the controller's status is as wanted.
+    /// Waits until the controller's status satisfies `wanted`.
     #[track_caller]
     pub(crate) fn wait_for_status(&self, wanted: impl Fn(&serde_json::Value) -> bool) {
         let deadline = Instant::now() + LONG;
         loop {
-            let status = self.ask(&["status", "--json"]);
+            let status = self.request(&["status", "--json"]);
             let found = serde_json::from_str(&status.out).is_ok_and(|status| wanted(&status));
             if found {
                 return;
@@ -105,18 +105,18 @@ impl Place {
         }
     }
 
-    /// A simulator with a controller of its choice; the domain is its own.
+    /// Starts a simulator that needs no other process of the test.
     pub(crate) fn alone(&self, arguments: &[&str]) -> Running {
         let policy = self.policy();
         self.start("run", &[&["--policy", text(&policy)], arguments].concat())
     }
 
-    /// The main job, its picture to go to `folder`.
+    /// Starts the demonstration, with its picture in `folder`.
     pub(crate) fn shore(&self, folder: &Path) -> Running {
         self.start("--out", &[text(folder)])
     }
 
-    /// Waits until both play, and have played for a while.
+    /// Waits until both processes have been connected for a while.
     pub(crate) fn wait_for_the_run(&self, domain: Option<&str>) {
         let folder = self.base().join(domain.unwrap_or(DOMAIN));
         let deadline = Instant::now() + LONG;
@@ -127,7 +127,7 @@ impl Place {
         std::thread::sleep(Duration::from_millis(300));
     }
 
-    /// Nothing is left of the domain, or of the one named.
+    /// Asserts that nothing is left of the test domain or of the named one.
     #[track_caller]
     pub(crate) fn assert_clean_of(&self, domain: Option<&str>) {
         assert!(!self.base().exists(), "left: {:?}", tree(&self.base()));
@@ -149,7 +149,7 @@ impl Place {
 }
 
 impl Drop for Place {
-    /// After a failed test, what its killed processes left.
+    /// Removes what killed processes of a failed test left.
     fn drop(&mut self) {
         if self.base().exists() {
             let _ = Domain::join_in(&self.base(), DOMAIN);
@@ -169,10 +169,10 @@ pub(crate) fn text(path: &Path) -> &str {
     path.to_str().expect("a temporary folder with a plain name")
 }
 
-/// A process that does not outlive its test.
+/// A process, killed when dropped.
 pub(crate) struct Running(Option<Child>);
 
-/// What a process said, and when it ended.
+/// Exit status, output and duration of a process.
 pub(crate) struct Ended {
     pub(crate) status: Option<i32>,
     pub(crate) out: String,
@@ -189,30 +189,30 @@ impl Running {
         self.child().id()
     }
 
-    /// Stops it with SIGKILL.
+    /// Kills the process with SIGKILL.
     pub(crate) fn kill(mut self) {
         self.child().kill().expect("kill");
         self.child().wait().expect("reap");
         self.0 = None;
     }
 
-    /// Sends it a signal.
+    /// Sends a signal to the process.
     pub(crate) fn signal(&mut self, signal: rustix::process::Signal) {
         let pid = i32::try_from(self.pid()).ok().and_then(rustix::process::Pid::from_raw);
         rustix::process::kill_process(pid.expect("a process"), signal).expect("signal");
     }
 
-    /// Sends one to each process that it has started.
+    /// Sends a signal to each child of the process.
     pub(crate) fn signal_children(&mut self, signal: rustix::process::Signal) {
         let pid = self.pid();
         let children = fs::read_to_string(format!("/proc/{pid}/task/{pid}/children"));
-        for child in children.expect("the system tells").split_whitespace() {
+        for child in children.expect("the list of children").split_whitespace() {
             let pid = child.parse().ok().and_then(rustix::process::Pid::from_raw);
             rustix::process::kill_process(pid.expect("a process"), signal).expect("signal");
         }
     }
 
-    /// Waits for its end.
+    /// Waits until the process ends.
     #[track_caller]
     pub(crate) fn end(mut self) -> Ended {
         let start = Instant::now();
@@ -223,8 +223,8 @@ impl Running {
         let took = start.elapsed();
         let Output { status, stdout, stderr } =
             self.0.take().expect("a child").wait_with_output().expect("its output");
-        let said = |bytes: Vec<u8>| String::from_utf8(bytes).expect("text");
-        Ended { status: status.code(), out: said(stdout), err: said(stderr), took }
+        let text = |bytes: Vec<u8>| String::from_utf8(bytes).expect("text");
+        Ended { status: status.code(), out: text(stdout), err: text(stderr), took }
     }
 }
 
@@ -238,7 +238,7 @@ impl Drop for Running {
 }
 
 impl Ended {
-    /// Ended with `status`, and said on stderr each of `parts`.
+    /// Asserts the exit status, and that stderr contains each of `parts`.
     #[track_caller]
     pub(crate) fn assert(&self, status: i32, parts: &[impl AsRef<OsStr>]) -> &Self {
         assert_eq!(self.status, Some(status), "out: {} err: {}", self.out, self.err);
@@ -254,7 +254,7 @@ impl Ended {
         self.assert(0, &[] as &[&str])
     }
 
-    /// The state hash of a run, from its summary or its JSON.
+    /// Returns the state hash printed by a run.
     #[track_caller]
     pub(crate) fn state_hash(&self) -> String {
         let hash = self.out.split_once("state hash ").map(|(_, rest)| rest.trim().to_owned());
@@ -262,13 +262,13 @@ impl Ended {
     }
 }
 
-/// A policy that hops in place in air: the leg stands upright, a little ahead
-/// of a mass that moves, and never lengthens.
+/// Returns a policy that hops in place in air: the leg is upright, a little ahead of
+/// a moving mass, and never extends.
 fn hopping_in_place() -> Vec<u8> {
     hopping_named("hop in place")
 }
 
-/// The same under another name: another blob, that hops alike.
+/// Returns the same policy under another name, so that its file differs.
 pub(crate) fn hopping_named(name: &str) -> Vec<u8> {
     let widths = Widths::from_slice(&[3, 2]).expect("two widths");
     let mut packed = Vec::with_capacity(packed_len(&widths).expect("an actor"));

@@ -1,5 +1,5 @@
-//! Two processes that tick by the clock. What is checked is how things stand,
-//! never how long they took: the machine may be busy.
+//! Runs in real time. The tests check states and counts and never durations, because
+//! the machine may be busy.
 
 use serde_json::Value;
 
@@ -13,7 +13,7 @@ fn count(value: &Value, key: &str) -> u64 {
     value[key].as_u64().unwrap_or_else(|| panic!("no count {key} in {value}"))
 }
 
-/// Every tick was of one kind, and every row that was not dropped is in the histogram.
+/// Asserts that the counts of a loop add up, and agree with its histogram.
 #[track_caller]
 fn assert_adds_up(figures: &Value, role: &str) {
     let count = |key| count(figures, key);
@@ -35,7 +35,7 @@ fn assert_adds_up(figures: &Value, role: &str) {
 }
 
 #[test]
-fn two_processes_hop_by_the_clock_and_say_how_it_went() {
+fn two_processes_run_in_real_time_and_report_their_loops() {
     let place = Place::new();
     let controller = place.controller(&["--real-time", "--json", "--timeout", "30"]);
     let simulator =
@@ -60,7 +60,7 @@ fn two_processes_hop_by_the_clock_and_say_how_it_went() {
 }
 
 #[test]
-fn within_a_process_and_with_a_controller_started_the_same_is_said() {
+fn in_process_and_spawned_runs_report_both_loops() {
     let place = Place::new();
     let of_run = ["--real-time", "--duration", "0.5", "--spin", "50"];
     for controller in ["--in-process", "--spawn"] {
@@ -86,7 +86,7 @@ fn within_a_process_and_with_a_controller_started_the_same_is_said() {
 }
 
 #[test]
-fn both_sides_must_tick_alike() {
+fn refuses_a_real_time_and_a_lock_step_side() {
     let place = Place::new();
     let controller = place.controller(&["--timeout", "30"]);
     let simulator = place.simulator(&["--real-time", "--timeout", "30"]).end();
@@ -96,7 +96,7 @@ fn both_sides_must_tick_alike() {
 }
 
 #[test]
-fn what_the_machine_cannot_do_is_said_with_the_limits() {
+fn rejects_processors_and_rates_that_the_machine_cannot_provide() {
     let place = Place::new();
     let cases: [(&[&str], &[&str]); 6] = [
         (&["--real-time", "--cpu", "4095"], &["--cpu", "4095", "processors"]),
@@ -115,7 +115,7 @@ fn what_the_machine_cannot_do_is_said_with_the_limits() {
 }
 
 #[test]
-fn a_signal_ends_a_run_with_its_figures_and_the_controller_with_it() {
+fn a_signal_ends_both_loops_with_their_reports() {
     let place = Place::new();
     let of_run = ["--real-time", "--duration", "80000", "--timeout", "30"];
     let controller = place.controller(&["--real-time", "--timeout", "30"]);

@@ -1,10 +1,10 @@
-//! Recordings: written beside a run, whatever ends it; read back and replayed.
+//! Recordings: written however a run ends, read back, replayed and plotted.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use leg_control::config::Config as Law;
+use leg_control::config::Config as ControlConfig;
 use leg_control::policy::{Policy, SHIPPED};
 use leg_control::wire::{Command, Sample};
 use leg_control::wire_controller::WireController;
@@ -21,7 +21,7 @@ use sim_host::session::{Options, lock_step};
 
 use crate::place::{PROGRAM, Place, text};
 
-/// So long at most until a process has done what it is to do.
+/// Time within which a process must have done its work.
 const SOON: Duration = Duration::from_secs(20);
 
 fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
@@ -44,7 +44,7 @@ fn size(path: &Path) -> u64 {
     fs::metadata(path).map_or(0, |m| m.len())
 }
 
-/// The samples and commands of a file, what else there is, and its warning.
+/// Returns the samples and commands of a file, its other messages, and its warning.
 fn read(path: &Path) -> (Vec<(Sample, Command)>, Vec<AnyMessage>, Option<String>) {
     let mut reader = Reader::open(path).unwrap();
     let (mut ticks, mut rest, mut last) = (Vec::new(), Vec::new(), None);
@@ -58,8 +58,8 @@ fn read(path: &Path) -> (Vec<(Sample, Command)>, Vec<AnyMessage>, Option<String>
     (ticks, rest, reader.warning())
 }
 
-/// A run in this process. Those of its ticks are recorded that `keep` says;
-/// gives all of them as they were.
+/// Plays a run in this process and records the ticks that `keep` selects. Returns
+/// all ticks.
 fn record(
     path: &Path,
     seconds: u32,
@@ -92,7 +92,7 @@ fn given(blob: &[u8], seq: u64) -> PolicyMessage {
 }
 
 fn shipped_controller() -> WireController<'static> {
-    WireController::new(Policy::parse(SHIPPED).unwrap(), Law::at_rate(1000).unwrap())
+    WireController::new(Policy::parse(SHIPPED).unwrap(), ControlConfig::at_rate(1000).unwrap())
 }
 
 #[test]
@@ -130,7 +130,7 @@ fn a_recorded_run_is_the_same_run_and_replays_bit_for_bit() {
 }
 
 #[test]
-fn a_recording_is_drawn_over_any_stretch_of_its_time() {
+fn plots_any_span_of_a_recording() {
     let place = Place::new();
     let (path, svg) = (place.file("run.mcap"), place.file("run.svg"));
     let run = ["--in-process", "--duration", "10", "--record", text(&path)];
@@ -152,7 +152,7 @@ fn a_recording_is_drawn_over_any_stretch_of_its_time() {
 }
 
 #[test]
-fn a_scenario_is_recorded_as_a_file_that_says_the_same() {
+fn the_recorded_scenario_parses_to_the_same_settings() {
     let text = "rate_hz = 500\nduration_s = 0.1\nseed = 18446744073709551615\n\
                 density_profile = [[1.0, 0.30000000000000004], [2.0, 0.0]]\ngravity_m_s2 = 1.62\n\
                 density = \"measured\"\nset_point_m_s = 0.1\nset_point_steps = [{ from_x_m = 3.0, m_s = -1.5 }]\n\
@@ -168,14 +168,14 @@ fn a_scenario_is_recorded_as_a_file_that_says_the_same() {
 }
 
 #[test]
-fn a_recording_has_every_bit_also_of_what_is_no_number() {
+fn a_recording_keeps_every_bit_of_nans() {
     let place = Place::new();
     let path = place.file("bits.mcap");
     let mut bits = 0xff80_0000_u32;
     let law = |sample: &Sample| {
         bits = bits.wrapping_mul(0x9e37_79b1).rotate_left(7);
         let any = f32::from_bits(bits);
-        // What the leg follows must be finite; of the rest it takes any bits.
+        // The leg accepts only finite values for what it follows, and any bits in the rest.
         Command {
             header: sample.header,
             leg_angle_rad: 1.5,
@@ -199,7 +199,7 @@ fn a_recording_has_every_bit_also_of_what_is_no_number() {
 }
 
 #[test]
-fn a_file_cut_anywhere_is_read_up_to_its_last_whole_chunk() {
+fn reads_a_cut_file_up_to_its_last_complete_chunk() {
     let place = Place::new();
     let path = place.file("whole.mcap");
     let mut controller = shipped_controller();
@@ -221,7 +221,7 @@ fn a_file_cut_anywhere_is_read_up_to_its_last_whole_chunk() {
     let replayed = place.start("replay", &[text(&cut)]).end();
     replayed.assert(0, &["warning", "cut off"]);
 
-    // One wrong byte: nothing of its chunk counts.
+    // One wrong byte invalidates its chunk.
     let mut damaged = bytes.clone();
     damaged[bytes.len() / 2] ^= 1;
     fs::write(&cut, &damaged).unwrap();
@@ -231,7 +231,7 @@ fn a_file_cut_anywhere_is_read_up_to_its_last_whole_chunk() {
 }
 
 #[test]
-fn a_killed_run_leaves_a_file_that_is_whole() {
+fn a_killed_run_leaves_a_complete_file() {
     let place = Place::new();
     let path = place.file("killed.mcap");
     let run = ["--spawn", "--duration", "86400", "--record", text(&path)];
@@ -252,7 +252,7 @@ fn a_killed_run_leaves_a_file_that_is_whole() {
 }
 
 #[test]
-fn a_run_goes_on_without_its_recorder_and_says_so_once() {
+fn a_run_continues_without_its_recorder_and_reports_that_once() {
     let place = Place::new();
     let path = place.file("lost.mcap");
     let run = ["--in-process", "--duration", "1000", "--record", text(&path)];
@@ -269,7 +269,7 @@ fn a_run_goes_on_without_its_recorder_and_says_so_once() {
 }
 
 #[test]
-fn a_stopped_recorder_is_waited_for_in_lock_step_and_nothing_is_missing() {
+fn in_lock_step_a_run_waits_for_a_stopped_recorder() {
     let place = Place::new();
     let path = place.file("stopped.mcap");
     let mut simulator =
@@ -283,7 +283,7 @@ fn a_stopped_recorder_is_waited_for_in_lock_step_and_nothing_is_missing() {
 }
 
 #[test]
-fn a_replay_finds_one_bit_and_goes_as_far_as_nothing_is_missing() {
+fn a_replay_finds_one_changed_bit_and_stops_at_a_gap() {
     let place = Place::new();
     let path = place.file("run.mcap");
     let policy = [given(SHIPPED, 0)];
@@ -306,7 +306,7 @@ fn a_replay_finds_one_bit_and_goes_as_far_as_nothing_is_missing() {
     let found = report.first_difference.unwrap();
     assert_eq!((found.tick, found.field, report.compared), (1234, "apex_y_m", 1235));
 
-    // A controller that is killed and comes back knows nothing: that is told.
+    // A controller that is killed and restarted has no state; the report shows that.
     let mut controller = shipped_controller();
     let law = |sample: &Sample| {
         if sample.header.seq == 2500 {
@@ -320,7 +320,7 @@ fn a_replay_finds_one_bit_and_goes_as_far_as_nothing_is_missing() {
 }
 
 #[test]
-fn a_run_in_real_time_replays_too_whatever_was_missed() {
+fn replays_a_run_in_real_time_with_missed_ticks() {
     let place = Place::new();
     let path = place.file("real-time.mcap");
     let run = ["--spawn", "--real-time", "--duration", "3", "--record", text(&path)];
@@ -368,7 +368,7 @@ fn a_replay_swaps_policies_as_the_run_did() {
 }
 
 #[test]
-fn what_is_no_recording_of_ours_is_refused_with_status_2() {
+fn rejects_files_that_are_not_recordings_with_status_2() {
     let place = Place::new();
     let file = place.file("some.mcap");
     let replay_of = |path: &Path| place.start("replay", &[text(path)]).end();

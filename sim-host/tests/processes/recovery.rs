@@ -1,4 +1,4 @@
-//! A peer that goes and comes back, and one that does not fit.
+//! Peers that leave and return, and peers that are refused.
 
 use std::fs::{self, File};
 use std::io::Write as _;
@@ -12,7 +12,7 @@ use rustix::process::Signal;
 use super::place::Place;
 use super::{ENDLESS, PATIENT, SHORT};
 
-/// Long enough to be interrupted: a second and more, on any machine.
+/// Long enough to be interrupted: more than a second on any machine.
 const LONG_RUN: [&str; 4] = ["--duration", "400", "--timeout", "30"];
 
 fn count(text: &str, part: &str) -> usize {
@@ -20,7 +20,7 @@ fn count(text: &str, part: &str) -> usize {
 }
 
 #[test]
-fn a_run_goes_on_with_the_next_controller() {
+fn a_run_continues_with_the_next_controller() {
     let place = Place::new();
     let simulator = place.simulator(&LONG_RUN);
     let mut controller = place.controller(&PATIENT);
@@ -49,7 +49,7 @@ fn a_run_goes_on_with_the_next_controller() {
 }
 
 #[test]
-fn a_controller_that_is_stopped_and_goes_on_leaves_the_run_as_it_was() {
+fn a_stopped_and_continued_controller_does_not_change_the_run() {
     let place = Place::new();
     let within = place.alone(&[&["--in-process"], &LONG_RUN[..]].concat()).end();
     let mut simulator = place.simulator(&LONG_RUN);
@@ -75,7 +75,7 @@ fn a_controller_that_is_stopped_and_goes_on_leaves_the_run_as_it_was() {
 }
 
 #[test]
-fn a_controller_stays_for_run_after_run_whatever_becomes_of_them() {
+fn a_controller_serves_run_after_run_however_they_end() {
     let place = Place::new();
     let within = place.alone(&[&["--in-process"], &SHORT[..]].concat()).end();
     let mut controller = place.staying(&[]);
@@ -108,9 +108,9 @@ fn a_controller_stays_for_run_after_run_whatever_becomes_of_them() {
     place.assert_clean();
 }
 
-/// As a program of a later release would write it.
+/// Imitates a program of a later release.
 #[test]
-fn a_peer_of_another_wire_version_is_refused_by_name() {
+fn refuses_a_peer_of_another_wire_version() {
     let place = Place::new();
     let domain = Domain::join_in(&place.base(), "test").expect("a domain");
     let card = |role: &str| {
@@ -148,7 +148,7 @@ fn a_peer_of_another_wire_version_is_refused_by_name() {
 }
 
 #[test]
-fn another_users_process_is_told_that_users_do_not_meet() {
+fn reports_that_processes_of_two_users_cannot_connect() {
     const NOBODY: &str = "65534";
     if !requirements::root() {
         return;

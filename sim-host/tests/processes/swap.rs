@@ -1,4 +1,4 @@
-//! Weights swapped on a running leg, by the controller's desk and by SIGHUP.
+//! Swaps policies of a running controller, by request and by SIGHUP.
 
 use std::fs;
 use std::path::PathBuf;
@@ -11,11 +11,11 @@ use super::place::{Place, hopping_named, text};
 use super::{ENDLESS, PATIENT};
 
 #[test]
-fn a_policy_is_swapped_in_at_an_apex_and_a_bad_one_is_refused() {
+fn swaps_a_policy_at_an_apex_and_rejects_an_invalid_one() {
     let place = Place::new();
     let other = place.file("other.bin");
     fs::write(&other, hopping_named("other")).unwrap();
-    let nobody = place.ask(&["swap", text(&other)]);
+    let nobody = place.request(&["swap", text(&other)]);
     nobody.assert(1, &["no controller is running in domain `test`", "controller --policy FILE"]);
 
     let mut simulator = place.simulator(&ENDLESS);
@@ -24,7 +24,7 @@ fn a_policy_is_swapped_in_at_an_apex_and_a_bad_one_is_refused() {
     let before = place.status();
     assert_eq!(before["policy"]["name"], "hop in place");
     assert_eq!((&before["swaps"], &before["pending"]), (&0.into(), &serde_json::Value::Null));
-    let swapped = place.ask(&["swap", text(&other)]);
+    let swapped = place.request(&["swap", text(&other)]);
     let said = &swapped.assert_ok().out;
     assert!(
         said.contains("the policy other") && said.contains("instead of hop in place"),
@@ -36,7 +36,7 @@ fn a_policy_is_swapped_in_at_an_apex_and_a_bad_one_is_refused() {
     assert_ne!(after["policy"]["crc32"], before["policy"]["crc32"]);
     assert_eq!(after["since"]["run_id"], after["last"]["run_id"]);
     assert_eq!(after["rejected"]["ticks"], 0);
-    let table = place.ask(&["status"]);
+    let table = place.request(&["status"]);
     for part in ["other", after["policy"]["crc32"].as_str().unwrap(), "swaps 1"] {
         assert!(table.assert_ok().out.contains(part), "{part}: {}", table.out);
     }
@@ -46,10 +46,10 @@ fn a_policy_is_swapped_in_at_an_apex_and_a_bad_one_is_refused() {
     blob[60] ^= 1;
     let bad = place.file("bad.bin");
     fs::write(&bad, blob).unwrap();
-    place.ask(&["swap", text(&bad)]).assert(2, &["bad.bin", "not a policy", "other", "stays"]);
+    place.request(&["swap", text(&bad)]).assert(2, &["bad.bin", "not a policy", "other", "stays"]);
     let none = place.file("none.bin");
-    place.ask(&["swap", text(&none)]).assert(2, &["cannot read", "none.bin"]);
-    place.ask(&["swap"]).assert(2, &["FILE"]);
+    place.request(&["swap", text(&none)]).assert(2, &["cannot read", "none.bin"]);
+    place.request(&["swap"]).assert(2, &["FILE"]);
     assert_eq!(place.status()["swaps"], 1);
 
     // A SIGHUP has the file of --policy read again.
@@ -73,11 +73,11 @@ fn a_policy_is_swapped_in_at_an_apex_and_a_bad_one_is_refused() {
     place.assert_clean();
 }
 
-/// In lock-step no tick can be missed, so what is left to say is exact: every
-/// sample of the run was answered, none rejected, and no command was the safe
-/// one but those before the first apex.
+/// In lock-step no tick can be missed, so the counts are exact: every sample is
+/// answered, none is rejected, and only the commands before the first apex are safe
+/// ones.
 #[test]
-fn a_hundred_swaps_on_a_hopping_leg_cost_no_tick() {
+fn a_hundred_swaps_on_a_hopping_leg_lose_no_tick() {
     const SWAPS: u64 = 100;
     let place = Place::new();
     let files = ["a", "b"].map(|name| {
@@ -92,15 +92,15 @@ fn a_hundred_swaps_on_a_hopping_leg_cost_no_tick() {
     place.wait_for_status(|status| status["activity"] == "running");
     for i in 0..SWAPS {
         let file = &files[i as usize % 2];
-        place.ask(&["swap", text(file)]).assert_ok();
+        place.request(&["swap", text(file)]).assert_ok();
     }
     let swaps = place.status()["swaps"].as_u64();
     let simulator = simulator.end();
     controller.signal(Signal::TERM);
     let controller = controller.end();
 
-    let figures = |run: &str| -> serde_json::Value { serde_json::from_str(run).expect("JSON") };
-    let (swapped, plain) = (figures(&simulator.assert_ok().out), figures(&within.out));
+    let json = |run: &str| -> serde_json::Value { serde_json::from_str(run).expect("JSON") };
+    let (swapped, plain) = (json(&simulator.assert_ok().out), json(&within.out));
     assert_eq!(swaps, Some(SWAPS), "all in force while the leg hopped: {swapped}");
     // The policies differ in name only, so not even the hash may tell.
     for key in ["state_hash", "ticks", "safe_ticks", "rejected", "held_ticks", "silences"] {
@@ -111,10 +111,10 @@ fn a_hundred_swaps_on_a_hopping_leg_cost_no_tick() {
     place.assert_clean();
 }
 
-/// The other meaning of a SIGHUP: with --policy too, a terminal that is closed
-/// is the end.
+/// SIGHUP reloads the policy, but a closed terminal, which also sends it, ends the
+/// controller.
 #[test]
-fn a_closed_terminal_ends_a_controller_that_would_reload() {
+fn a_closed_terminal_ends_a_controller_with_a_policy_file() {
     if !requirements::sighup() || !requirements::script() {
         return;
     }

@@ -1,4 +1,4 @@
-//! The live view, the real program in a pseudo-terminal, beside real runs.
+//! The live view: the real program in a pseudo-terminal beside real runs.
 
 use std::io::{Read, Write};
 use std::process::{Child, ChildStdin, Command, Stdio};
@@ -9,7 +9,7 @@ use crate::place::{PROGRAM, Place};
 
 const SOON: Duration = Duration::from_secs(30);
 
-/// A `sim-host watch` in a terminal that the tool `script` plays.
+/// A `sim-host watch` in a pseudo-terminal of the tool `script`.
 struct Watch {
     script: Child,
     keys: Option<ChildStdin>,
@@ -21,10 +21,10 @@ impl Watch {
         Self::begin_after(place, "")
     }
 
-    /// With some words to the shell that starts it.
-    fn begin_after(place: &Place, words: &str) -> Self {
+    /// Runs shell commands before the program starts.
+    fn begin_after(place: &Place, commands: &str) -> Self {
         let folder = place.base();
-        let call = format!("stty rows 40 cols 120; {words} exec {PROGRAM} watch --domain test");
+        let call = format!("stty rows 40 cols 120; {commands} exec {PROGRAM} watch --domain test");
         let mut script = Command::new("script")
             .args(["-qec", &call])
             .arg("/dev/null")
@@ -47,8 +47,8 @@ impl Watch {
         Self { script, keys, screen }
     }
 
-    /// Waits until it draws this word, and forgets all that it has drawn. (Only
-    /// what changes is drawn: blanks between words are not.)
+    /// Waits until the program draws this word, then clears the screen's text. Only
+    /// changed cells are drawn, so the text has no blanks between words.
     #[track_caller]
     fn wait_for(&self, text: &str) {
         let begun = Instant::now();
@@ -64,7 +64,7 @@ impl Watch {
         keys.write_all(key.as_bytes()).and_then(|()| keys.flush()).expect("press a key");
     }
 
-    /// Leaves by `q`; the terminal is as it was, and the status 0.
+    /// Leaves by `q`, and asserts a restored terminal and status 0.
     #[track_caller]
     fn leave(mut self) {
         self.press("q");
@@ -91,14 +91,14 @@ fn wait_until_clean(place: &Place) {
 }
 
 #[test]
-fn a_run_that_is_watched_is_the_same_run_and_can_be_operated() {
+fn watching_does_not_change_a_run_and_can_operate_it() {
     let place = Place::new();
     let run =
         |duration: &str| place.alone(&["--spawn", "--domain", "test", "--duration", duration]);
     let bare = run("50").end().assert_ok().state_hash();
 
     let mut watch = Watch::begin(&place);
-    watch.wait_for("nobody");
+    watch.wait_for("waiting");
     assert!(!place.base().exists(), "it waits outside of a domain that nobody plays in");
     let watched = run("50");
     watch.wait_for("lock-step");
@@ -109,7 +109,7 @@ fn a_run_that_is_watched_is_the_same_run_and_can_be_operated() {
     let endless = run("80000");
     watch.wait_for("lock-step");
     watch.press("\u{1b}[A");
-    watch.wait_for("hand");
+    watch.wait_for("key");
     watch.press(" ");
     watch.wait_for("PAUSED");
     watch.press("Q");
@@ -120,14 +120,14 @@ fn a_run_that_is_watched_is_the_same_run_and_can_be_operated() {
     place.assert_clean();
 }
 
-/// It used to read from a terminal that was gone, for ever, with a core to itself.
+/// Regression: the view read from a closed terminal for ever and used a whole core.
 #[test]
-fn a_closed_terminal_ends_it_also_where_a_hang_up_is_ignored() {
+fn a_closed_terminal_ends_the_view_even_if_sighup_is_ignored() {
     let place = Place::new();
     let pid_file = place.base().with_extension("pid");
     let mut watch =
         Watch::begin_after(&place, &format!("trap '' HUP; echo $$ > {};", pid_file.display()));
-    watch.wait_for("nobody");
+    watch.wait_for("waiting");
     let pid = std::fs::read_to_string(&pid_file).expect("its process");
     watch.script.kill().expect("the terminal");
     let begun = Instant::now();
@@ -141,7 +141,7 @@ fn a_closed_terminal_ends_it_also_where_a_hang_up_is_ignored() {
 }
 
 #[test]
-fn without_a_terminal_or_a_name_it_is_refused() {
+fn rejects_a_missing_terminal_and_an_invalid_name() {
     let place = Place::new();
     place.start("watch", &[]).end().assert(2, &["needs a terminal"]);
     place.start("watch", &["--domain", "a/b"]).end().assert(2, &["a/b", "is not a name"]);

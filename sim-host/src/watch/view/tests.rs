@@ -15,7 +15,7 @@ use crate::operate::{BUCKETS, LegStatus};
 use crate::scenario::{Scenario, Settings};
 use crate::session::{Options, lock_step};
 
-/// The scene after some seconds of a real run in water at 0.5 m/s, seen often.
+/// Returns the scene after some seconds of a run in water at 0.5 m/s.
 fn hopping(seconds: u32) -> Scene {
     let settings = format!("medium = \"water\"\nset_point_m_s = 0.5\nduration_s = {seconds}.0");
     let scenario = Scenario::from_settings(&Settings::from_toml(&settings).unwrap()).unwrap();
@@ -79,7 +79,7 @@ fn text(buffer: &Buffer) -> String {
     (0..area.height).map(row).collect()
 }
 
-/// Cells with something of this colour.
+/// Returns the cells with something of this colour.
 fn cells(buffer: &Buffer, color: Color) -> Vec<(u16, u16)> {
     let area = buffer.area;
     (0..area.height)
@@ -89,7 +89,7 @@ fn cells(buffer: &Buffer, color: Color) -> Vec<(u16, u16)> {
 }
 
 #[test]
-fn a_hopping_leg_is_drawn_with_its_way_and_its_figures() {
+fn draws_the_leg_its_trail_and_its_values() {
     let scene = hopping(14);
     let [foot, mass] = scene.leg().unwrap();
     let buffer = drawn(&scene, 120, 40);
@@ -102,7 +102,7 @@ fn a_hopping_leg_is_drawn_with_its_way_and_its_figures() {
         "0.50 m/s",
         "tick 13998",
         "velocity at each apex",
-        "density as estimated",
+        "density used by the actor",
         "hops           7",
         "without command3",
         "p50 < 4 us, p99 < 4 us",
@@ -112,7 +112,7 @@ fn a_hopping_leg_is_drawn_with_its_way_and_its_figures() {
     }
     assert!(!text.contains("SAFE STATE") && scene.hops.len() > 4, "{text}");
 
-    // The mass is in the middle, as high as it is; the foot where the leg ends.
+    // The mass is in the middle at its height, and the foot at the end of the leg.
     let middle = |cells: &[(u16, u16)]| {
         let n = cells.len() as f64;
         let sum =
@@ -131,12 +131,12 @@ fn a_hopping_leg_is_drawn_with_its_way_and_its_figures() {
     let lowest = cells(&buffer, color).into_iter().filter(|c| c.0 < 80).map(|c| c.1).max().unwrap();
     let expected = 1.0 + (HEIGHT_M[1] - foot.1) / (HEIGHT_M[1] - HEIGHT_M[0]) * rows;
     assert!((f64::from(lowest) - expected).abs() < 2.0, "{lowest} {expected}");
-    assert!(cells(&buffer, TRAIL).len() > 20, "the way it came");
+    assert!(cells(&buffer, TRAIL).len() > 20, "the trail");
     assert_eq!(buffer[(10, 5)].bg, medium(1.0), "in water");
 }
 
 #[test]
-fn small_and_empty_views_are_drawn_too() {
+fn draws_small_and_empty_views() {
     let scene = hopping(3);
     for (width, height) in [(80, 24), (40, 10), (10, 3), (1, 1), (250, 80)] {
         drawn(&scene, width, height);
@@ -144,10 +144,10 @@ fn small_and_empty_views_are_drawn_too() {
     }
     let buffer = drawn(&Scene::new("none"), 100, 30);
     let text = text(&buffer);
-    assert!(text.contains("leg ✘") && text.contains("nobody is hopping here yet"), "{text}");
+    assert!(text.contains("leg ✘") && text.contains("waiting for a leg"), "{text}");
 }
 
-/// A loop of 1,000 ticks a second, a hundred of which began 2 ms late or more.
+/// Returns the report of a loop with a hundred ticks that began 2 ms late or more.
 fn late_loop(role: &str) -> LoopReport {
     let mut report = LoopReport { role: role.to_owned(), rate_hz: 1000, ..LoopReport::default() };
     report.lateness_us =
@@ -160,7 +160,7 @@ fn late_loop(role: &str) -> LoopReport {
 }
 
 #[test]
-fn the_loops_of_a_run_in_real_time_are_drawn_as_histograms() {
+fn draws_the_lateness_of_loops_in_real_time() {
     let mut scene = hopping(3);
     let mut leg = scene.leg.take().unwrap();
     (leg.pace, leg.timing) = (TimeMode::RealTime, Some(late_loop("leg")));
@@ -180,7 +180,7 @@ fn the_loops_of_a_run_in_real_time_are_drawn_as_histograms() {
         for part in ["loops", "leg  p", "controller  p", "p99 1.90 ms  max 4.80 ms", also] {
             assert!(text.contains(part), "`{part}` is not in\n{text}");
         }
-        // Those more than a tick late are told from the others.
+        // Ticks more than a tick late have another colour.
         let rows = height - 1 - times::LOOPS_HEIGHT..height - 1;
         let bars = |color| {
             let is_bar =

@@ -1,4 +1,4 @@
-//! Times as bars: of commands in lock-step, of both loops in real time.
+//! Histograms of times: round trips in lock-step, lateness of both loops in real time.
 
 use leg_host::realtime::{HistogramBin, LoopReport, with_unit};
 use ratatui::Frame;
@@ -8,19 +8,20 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Sparkline, SparklineBar};
 
 use super::super::scene::Scene;
-use super::{ALARM, ASKED, PUSH};
+use super::{ALARM, PUSH, SET_POINT};
 
-/// Rows that the loops take.
+/// Height of the loops' panel, rows.
 pub(super) const LOOPS_HEIGHT: u16 = 8;
-/// Columns within which one loop can be told; two are side by side where there is room.
+/// Least width of one loop's panel, columns; two are side by side if there is room.
 const LOOP_WIDTH: u16 = 34;
 
-/// Height of a bar: a root, so that rare ones show.
+/// Returns the height of a bar: the fourth root of its count, so that rare times show.
 fn height(count: u64) -> u64 {
     (100.0 * (count as f64).powf(0.25)) as u64
 }
 
-/// How long commands took, as bars, each twice as wide as the one before.
+/// Draws the histogram of round-trip times; each bar covers twice the time of the one
+/// before.
 pub(super) fn draw_round_trips(frame: &mut Frame<'_>, area: Rect, scene: &Scene) {
     let block = Block::bordered();
     let Some(leg) = &scene.leg else {
@@ -36,7 +37,7 @@ pub(super) fn draw_round_trips(frame: &mut Frame<'_>, area: Rect, scene: &Scene)
     frame.render_widget(sparkline(bars, block.inner(area).width).block(block.title(title)), area);
 }
 
-/// The upper end of the bar in which a quantile lies, us.
+/// Returns the upper end of the bar that contains a quantile, us.
 fn upper_end_us(bars: &[u32], quantile: f64) -> Option<f64> {
     let all: u64 = bars.iter().map(|n| u64::from(*n)).sum();
     let mut left = (quantile * all as f64).ceil() as u64;
@@ -46,7 +47,7 @@ fn upper_end_us(bars: &[u32], quantile: f64) -> Option<f64> {
     })
 }
 
-/// Counts as bars over the whole width, with a gap between them if there is room.
+/// Draws counts as bars over the whole width, with gaps if there is room.
 fn sparkline(
     counts: impl ExactSizeIterator<Item = (u64, Color)>,
     width: u16,
@@ -60,16 +61,16 @@ fn sparkline(
     }))
 }
 
-/// The loops in real time that are known: the leg's, the controller's.
+/// Returns the known reports of loops in real time: the leg's, then the controller's.
 pub(super) fn loops(scene: &Scene) -> Vec<&LoopReport> {
     let leg = scene.leg.as_ref().and_then(|leg| leg.timing.as_ref());
     let controller = scene.controller.as_ref().and_then(|status| status.timing.as_ref());
     leg.into_iter().chain(controller).collect()
 }
 
-/// How late each loop's ticks began.
+/// Draws the lateness of each loop's ticks.
 pub(super) fn draw_loops(frame: &mut Frame<'_>, area: Rect, loops: &[&LoopReport]) {
-    let block = Block::bordered().title(" loops: how late their ticks began ");
+    let block = Block::bordered().title(" loops: lateness of the ticks ");
     let inner = block.inner(area);
     if loops.is_empty() || inner.is_empty() {
         return;
@@ -78,7 +79,7 @@ pub(super) fn draw_loops(frame: &mut Frame<'_>, area: Rect, loops: &[&LoopReport
     let each = vec![Constraint::Fill(1); loops.len()];
     let is_wide = usize::from(inner.width) >= loops.len() * usize::from(LOOP_WIDTH);
     let layout = if is_wide { Layout::horizontal(each).spacing(2) } else { Layout::vertical(each) };
-    // The same bars for all, so that they can be compared.
+    // The same bars for both loops, so that they can be compared.
     let mut ends_us: Vec<f64> =
         loops.iter().flat_map(|l| &l.lateness_histogram).map(|bar| bar.up_to_us).collect();
     ends_us.sort_by(f64::total_cmp);
@@ -89,7 +90,7 @@ pub(super) fn draw_loops(frame: &mut Frame<'_>, area: Rect, loops: &[&LoopReport
 }
 
 fn draw_loop(frame: &mut Frame<'_>, area: Rect, report: &LoopReport, ends_us: &[f64]) {
-    // What has no room is left out, the bars last.
+    // Without room the axis is omitted first, then the counts.
     let counts_height = u16::from(area.height >= 5);
     let axis_height = u16::from(area.height >= 4);
     let [quantiles, counts, bars, axis] = Layout::vertical([
@@ -127,14 +128,15 @@ fn quantile_line(report: &LoopReport, width: u16) -> Line<'_> {
     if all.width() <= usize::from(width) { all } else { Line::from(vec![name, Span::from(rare)]) }
 }
 
-/// Missed ticks are the machine's, most of them; overruns are the loop's own.
+/// Formats the counts. Most missed ticks are caused by the machine; overruns are the
+/// loop's own.
 fn count_line(report: &LoopReport) -> Line<'_> {
     let c = &report.counters;
     let line =
         Line::from(format!("missed {}  stale {}  overran {}", c.missed, c.stale, c.own_overruns));
     match (c.own_overruns, c.missed) {
         (0, 0) => line.dim(),
-        (0, _) => line.fg(ASKED),
+        (0, _) => line.fg(SET_POINT),
         _ => line.fg(ALARM),
     }
 }
@@ -144,7 +146,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quantiles_are_the_ends_of_bars() {
+    fn a_quantile_is_the_upper_end_of_its_bar() {
         assert_eq!(upper_end_us(&[], 0.5), None);
         assert_eq!(upper_end_us(&[0, 0], 0.5), None);
         assert_eq!(upper_end_us(&[1, 0, 1], 0.5), Some(0.25));
