@@ -1,7 +1,8 @@
-//! Every figure of a training, as it is stored in the policy it makes.
+//! Every parameter of a training, as the policy file that it produces stores it.
 //!
-//! A new figure is a field here, a row in the table of `config/keys.rs` (its
-//! comment and its range), and a value in each preset.
+//! A new parameter is a field here, a row in the table of `config/keys.rs` (its comment and its
+//! range), and a value in each preset. The fields are the keys of the TOML files that users
+//! write and that policy files hold, so a key is never renamed.
 
 mod check;
 mod keys;
@@ -13,29 +14,29 @@ pub use text::{ReadError, SetError};
 use leg_control::policy::GainPoint;
 use serde::{Deserialize, Serialize};
 
-/// A training: the agent, and the stages it goes through one after the other.
+/// The configuration of a training: the agent, and the stages of its training.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// What the preset is called.
+    /// Name of the preset; it becomes the policy's name.
     pub preset: String,
-    /// The networks.
+    /// Networks and their scalings.
     pub network: Network,
-    /// The update.
+    /// Parameters of the update.
     pub learning: Learning,
-    /// What is added to the actor's action while training.
+    /// Exploration noise.
     pub exploration: Exploration,
-    /// What is learnt.
+    /// Reward function.
     pub reward: Reward,
-    /// Episodes.
+    /// Start and end of the episodes.
     pub episode: Episode,
-    /// Trained one after the other: networks, targets and their optimisers are
-    /// carried over; the replay buffer and the exploration begin anew.
+    /// Stages, trained one after the other. Networks, targets and optimisers are carried over;
+    /// the replay buffer and the exploration begin anew.
     pub stages: Vec<Stage>,
-    /// Which actor is kept.
+    /// Selection of the best actor.
     pub selection: Selection,
-    /// Recommended gains of the velocity cascade, by ascending density; where there
-    /// are none, they are searched for after the training.
+    /// Recommended gains of the velocity cascade, by ascending density ratio. Where there are
+    /// none, they are searched after the training.
     pub gains: Vec<GainPoint>,
 }
 
@@ -45,29 +46,31 @@ pub struct Config {
 pub struct Network {
     /// Where the critic takes its action, and its width.
     pub critic: Critic,
-    /// How weights are drawn.
+    /// Distribution of the initial weights.
     pub initial_weights: InitialWeights,
-    /// Multiplies the initial weights of the actor's last layer.
+    /// Factor of the initial weights of the actor's last layer.
     pub actor_last_layer: f32,
-    /// Whether the actor is held mirror-symmetric: vx reversed, touchdown angle
-    /// reversed. It then hops on the spot at exactly no speed.
+    /// Whether the actor stays mirror-symmetric: reversing vx reverses the touchdown angle. It
+    /// then hops on the spot at exactly zero speed.
     pub symmetric_actor: bool,
-    /// Network input = (observation - offset) * scale.
+    /// Offset of the observation (m/s, m, density ratio): network input = (observation -
+    /// offset) * scale.
     pub observation_offset: [f32; 3],
-    /// See [`Self::observation_offset`].
+    /// Scale of the observation, see [`Self::observation_offset`].
     pub observation_scale: [f32; 3],
-    /// Action = offset + scale * u for the action u in unit space,
-    /// which is what the critic sees.
+    /// Offset of the action (rad, m/s): action = offset + scale * u, where u is the action in
+    /// unit space, which the critic takes.
     pub action_offset: [f32; 2],
-    /// See [`Self::action_offset`].
+    /// Scale of the action, see [`Self::action_offset`].
     pub action_scale: [f32; 2],
-    /// The actor's u = clip(gain * tanh z, -bound, bound).
+    /// Gain of the actor's output: u = clip(gain * tanh z, -bound, bound).
     pub output_gain: [f32; 2],
-    /// See [`Self::output_gain`]; infinite where only the environment clips.
+    /// Bound of the actor's output, see [`Self::output_gain`]; infinite where only the
+    /// environment clips.
     pub output_bound: f32,
-    /// Lowest action that the environment takes: rad, m/s.
+    /// Lowest action of the environment: rad, m/s.
     pub action_low: [f32; 2],
-    /// Highest action that the environment takes: rad, m/s.
+    /// Highest action of the environment: rad, m/s.
     pub action_high: [f32; 2],
 }
 
@@ -75,18 +78,18 @@ pub struct Network {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Critic {
-    /// State 3-50 ReLU-50, plus action 2-50, added, ReLU, 1: as in the paper.
-    /// (The two layers that are added share one bias.)
+    /// The paper's critic: the state passes 3-50 ReLU-50, the action 2-50; their sum passes a
+    /// ReLU and the output layer. The two layers that are added share one bias.
     ActionAtSecondLayer,
-    /// 5-50-50-1 on state and action.
+    /// A critic 5-50-50-1 on state and action.
     #[serde(rename = "joint-50")]
     Joint50,
-    /// 5-100-100-1 on state and action.
+    /// A critic 5-100-100-1 on state and action.
     #[serde(rename = "joint-100")]
     Joint100,
 }
 
-/// How initial weights are drawn.
+/// The distribution of the initial weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum InitialWeights {
@@ -96,33 +99,34 @@ pub enum InitialWeights {
     FanIn,
 }
 
-/// The update, and how often.
+/// The parameters of the update.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Learning {
-    /// Samples in a batch: 32 or 64.
+    /// Number of samples in a batch, 32 or 64.
     pub batch: usize,
-    /// Weight of the next step's value.
+    /// Weight of the next step's value, from 0 to below 1.
     pub discount: f32,
-    /// Rate of the soft update of the target networks.
+    /// Rate of the soft update of the target networks, per update.
     pub target_smoothing: f32,
     /// Adam's learning rate for the actor.
     pub actor_learning_rate: f32,
     /// Adam's learning rate for the critic.
     pub critic_learning_rate: f32,
-    /// Both rates decay linearly to this share at the end of a stage counted in steps.
+    /// Share of both learning rates at the end of a stage counted in steps; they decay linearly
+    /// to it.
     pub final_learning_rate: f32,
-    /// Longest gradient of either network.
+    /// Largest norm of the gradient of either network; longer gradients are scaled down.
     pub max_gradient_norm: f32,
-    /// Transitions kept.
+    /// Capacity of the replay buffer, transitions.
     pub replay_capacity: usize,
-    /// Steps of uniformly random actions before the first update of a stage.
+    /// Number of uniformly random actions before the first update of a stage.
     pub random_steps: u64,
-    /// Environment steps for each update.
+    /// Number of environment steps for each update.
     pub steps_per_update: u64,
     /// Whether sampled transitions are mirrored with probability 1/2.
     pub mirror: bool,
-    /// Rate at which the averaged actor follows; 0 for no averaging.
+    /// Rate at which the averaged actor follows, per update; 0 for no averaging.
     pub actor_averaging: f32,
 }
 
@@ -130,25 +134,26 @@ pub struct Learning {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "kind", deny_unknown_fields)]
 pub enum Exploration {
-    /// x += -attraction x + deviation N(0, 1), x = 0 at an episode's start.
+    /// A process x += -attraction x + deviation N(0, 1), with x = 0 at the start of an episode.
     OrnsteinUhlenbeck {
-        /// Share of the noise that is lost each step.
+        /// Share of x that is lost each step.
         attraction: f32,
-        /// Standard deviation of the steps at first.
+        /// Initial standard deviation of the steps of x.
         deviation: f32,
         /// Share of the deviation that is lost each step.
         decay: f32,
-        /// Whether the replay buffer keeps the action before the environment clips it.
+        /// Whether the replay buffer stores the action before the environment clips it.
         keep_unclipped: bool,
     },
-    /// White, with a standard deviation drawn for each episode.
+    /// White noise, with a standard deviation drawn for each episode.
     Gaussian {
-        /// Lowest and highest deviation; log-uniform between.
+        /// Lowest and highest standard deviation; the draw is log-uniform.
         deviation: [f32; 2],
     },
 }
 
-/// Reward of a step to an apex (vx', y') with action (alpha, rs) at density rho:
+/// The reward of a step to an apex (vx', y') with touchdown angle alpha and elongation speed rs
+/// at density ratio rho:
 ///
 /// ```text
 /// min(log10(1 + 1 / |vx'|), cap) - elongation (1 - rho)^10 rs
@@ -157,42 +162,43 @@ pub enum Exploration {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Reward {
-    /// Highest reward for stopping.
+    /// Largest reward for stopping.
     pub cap: f64,
-    /// Cost of elongation on land, where it can only add energy; s/m.
+    /// Cost of elongation on land, where it can only add energy, s/m.
     pub elongation: f64,
-    /// Cost of an apex below `height_m`.
+    /// Cost of an apex at 1 m; it falls linearly to 0 at `height_m`.
     pub height: f64,
-    /// Height wanted to spare, m; above 1.
+    /// Apex height from which there is no cost, m; above 1.
     pub height_m: f64,
     /// Reward of a step that ends in a fall.
     pub fall: f64,
-    /// Whether an apex below 1 m, which ends the episode, is rewarded like a fall
-    /// and not like any other apex.
+    /// Whether an apex below 1 m, which ends the episode, has the reward of a fall instead of
+    /// its own.
     pub low_is_fall: bool,
 }
 
-/// How episodes begin and end. Starts are vx = spread N(0, 1),
-/// y = 1.001 + |spread N(0, 1)|, but for the shares below.
+/// The start and end of episodes. Starts are vx = spread N(0, 1) and
+/// y = 1.001 + |spread N(0, 1)|, except for the shares below.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Episode {
-    /// Most steps.
+    /// Largest number of steps in an episode.
     pub max_steps: u32,
-    /// Spread of the starts, m/s and m.
+    /// Standard deviation of the starts, m/s and m.
     pub spread: f64,
-    /// Share of starts that are low: y = 1.001 + |0.4 N(0, 1)|.
+    /// Share of low starts: y = 1.001 + |0.4 N(0, 1)|.
     pub low_share: f64,
-    /// Share of starts uniform in vx within 11 m/s and y from 1 to 12.5 m.
+    /// Share of starts that are uniform in vx within 11 m/s and in y from 1 to 12.5 m.
     pub uniform_share: f64,
-    /// Share of episodes in thin media that begin where one before fell.
+    /// Share of episodes in thin media that replay a failed start, see
+    /// [`crate::failed_starts`].
     pub retry_share: f64,
-    /// Share of led episodes (see [`crate::environment`]) from each of the density
+    /// Shares of velocity-bias episodes (see [`crate::environment`]) from each of the density
     /// ratios of `led_from` up.
     pub led_share: [f64; 2],
-    /// See `led_share`; ascending.
+    /// Density ratios at which the shares of `led_share` begin; ascending.
     pub led_from: [f64; 2],
-    /// Speed by which the leg is led at a full pull, m/s.
+    /// Velocity offset beyond the wanted speed at a bias strength of 1, m/s.
     pub lead_m_s: f64,
     /// Accuracy of the plant.
     pub tolerance: Tolerance,
@@ -202,14 +208,14 @@ pub struct Episode {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Tolerance {
-    /// 1e-8 on every state.
+    /// An error of at most 1e-8 on every state.
     Golden,
-    /// 1e-6 m/s a step, faster.
+    /// An error of about 1e-6 m/s a step, and faster.
     Training,
 }
 
 impl Tolerance {
-    /// For the plant.
+    /// Returns the tolerance of the plant.
     #[must_use]
     pub fn plant(self) -> leg_plant::Tolerance {
         match self {
@@ -219,35 +225,35 @@ impl Tolerance {
     }
 }
 
-/// A stretch of training in one kind of medium.
+/// A stage of a training, in one kind of medium.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Stage {
-    /// Density ratios of its episodes.
+    /// Distribution of the episodes' density ratios.
     pub medium: MediumDraw,
-    /// How long it is.
+    /// Length of the stage.
     pub length: Length,
 }
 
-/// How an episode's density ratio is drawn.
+/// The distribution of an episode's density ratio.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "kind", deny_unknown_fields)]
 pub enum MediumDraw {
-    /// 1 - |N(0, 1)| / 10, not below 0.
+    /// Near water: 1 - |N(0, 1)| / 10, not below 0.
     Water,
-    /// |N(0, 1)| / 10, not above 1.
+    /// Near air: |N(0, 1)| / 10, not above 1.
     Land,
-    /// Pure water and pure air in turn.
+    /// Alternating: 1 and 0 in turn.
     WaterAndAir,
-    /// Shares of special densities; the rest is uniform from 0 to 1.
+    /// A mixture of special density ratios; the rest is uniform from 0 to 1.
     Mixed {
-        /// Share at exactly 0.
+        /// Share of episodes at exactly 0.
         air: f64,
-        /// Share uniform from 0 to `thin_to`.
+        /// Share of episodes uniform from 0 to `thin_to`.
         thin: f64,
-        /// See `thin`.
+        /// Highest density ratio of the share `thin`.
         thin_to: f64,
-        /// Share at exactly 1.
+        /// Share of episodes at exactly 1.
         water: f64,
     },
 }
@@ -256,14 +262,14 @@ pub enum MediumDraw {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Length {
-    /// Episodes.
+    /// A number of episodes.
     Episodes(u64),
-    /// Environment steps.
+    /// A number of environment steps.
     Steps(u64),
 }
 
 impl Length {
-    /// Of whatever it is counted in.
+    /// Returns the number of steps or episodes.
     #[must_use]
     pub fn count(self) -> u64 {
         match self {
@@ -272,17 +278,17 @@ impl Length {
     }
 }
 
-/// Which actor is kept.
+/// The selection of the best actor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Selection {
-    /// Evaluations spread evenly over the last stage, the best of which is kept;
-    /// with 0, the last actor is. Needs a last stage counted in steps.
+    /// Number of evaluations, evenly spaced over the last stage; the best actor is selected.
+    /// With 0 the last actor is. Needs a last stage counted in steps.
     pub evaluations: u64,
-    /// Starts in a vacuum in an evaluation, drawn for the selection alone; a quarter of
-    /// them below a density ratio of 0.2, a sixteenth above, where falls are rare.
+    /// Number of starts of an evaluation in a vacuum, drawn for the selection alone. A quarter
+    /// of them run below a density ratio of 0.2, a sixteenth above, where falls are rare.
     pub starts: usize,
-    /// Cost of a set-point that is not tracked, where a fall of all starts at one
-    /// density costs 1.
+    /// Weight of the tracking cost of the set-points, where a fall of all starts at one density
+    /// ratio costs 1.
     pub tracking: f64,
 }

@@ -1,4 +1,4 @@
-//! Deep deterministic policy gradient: the agent and its update.
+//! Deep deterministic policy gradient (DDPG): the agent and its update.
 
 mod state;
 
@@ -13,49 +13,51 @@ use crate::net::tanh::tanh;
 use crate::replay::{Batch, Replay};
 use crate::simd::{Isa, Kernel, Simd, Vector, dispatch};
 
-/// Units in each hidden layer of the actor.
+/// Units in each hidden layer of the actor, padded to a multiple of 8.
 pub const ACTOR_HIDDEN: usize = 50;
 const ACTOR_PADDED: usize = 56;
-/// Samples that one observation is padded to when acting.
+/// Batch size of the evaluation of one observation: the width of the narrowest vector.
 const ONE: usize = 8;
 
-/// What changes sign in the mirror: of the observations, the velocity; of the actions,
-/// the touchdown angle from the vertical.
+/// Signs under the mirror symmetry of the leg. The velocity among the observations and the
+/// touchdown angle (measured from the vertical) among the actions are odd.
 const ODD_OBSERVATIONS: [bool; 3] = [true, false, false];
 const ODD_ACTIONS: [bool; 2] = [true, false];
 
 type Actor = Mlp<3, ACTOR_HIDDEN, 0, 2, ACTOR_PADDED>;
 type ActorPass<const B: usize> = Pass<3, ACTOR_HIDDEN, 0, 2, ACTOR_PADDED, B>;
 
-/// From the actor's outputs z to an action in unit space: clip(gain tanh z, -bound, bound).
+/// The output stage of an actor: maps its outputs z to an action in unit space by clip(gain
+/// tanh z, -bound, bound).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UnitOutput {
-    /// Of the touchdown angle and the elongation speed.
+    /// Gain of the touchdown angle and of the elongation speed.
     pub gain: [f32; 2],
-    /// Infinite where the environment clips, and the critic sees what it does not.
+    /// Bound of the action; infinite where only the environment clips, so that the critic sees
+    /// actions outside the range.
     pub bound: f32,
 }
 
-/// The figures of an update.
+/// The parameters of an update.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rates {
     /// Adam's learning rate for the actor.
     pub actor_learning_rate: f32,
     /// Adam's learning rate for the critic.
     pub critic_learning_rate: f32,
-    /// Weight of the next step's value.
+    /// Weight of the next step's value, from 0 to below 1.
     pub discount: f32,
-    /// Rate of the soft update of both target networks.
+    /// Rate of the soft update of both target networks, per update.
     pub target_smoothing: f32,
-    /// Rate at which the averaged actor follows the actor.
+    /// Rate at which the averaged actor follows the actor, per update; 0 for no averaging.
     pub actor_averaging: f32,
-    /// Longest gradient of either network.
+    /// Largest norm of a gradient; longer gradients are scaled down to it.
     pub max_gradient_norm: f32,
-    /// Whether samples are mirrored at random.
+    /// Whether sampled transitions are mirrored with probability 1/2.
     pub mirror: bool,
 }
 
-/// What an update saw.
+/// The gradients of an update.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Update {
     /// Norm of the critic's gradient before clipping.
@@ -64,21 +66,21 @@ pub struct Update {
     pub actor_gradient_norm: f32,
 }
 
-/// A DDPG agent of any shape.
+/// A DDPG agent of any network shape.
 pub trait Agent: Send {
-    /// The action in unit space for a scaled observation, without exploration.
+    /// Returns the action in unit space for a scaled observation, without exploration.
     fn act(&mut self, observation: [f32; 3]) -> [f32; 2];
-    /// The critic's value of an action in unit space.
+    /// Returns the critic's value of an action in unit space.
     fn value(&mut self, observation: [f32; 3], action: [f32; 2]) -> f32;
-    /// One update of both networks and their targets on a fresh batch.
+    /// Draws a batch and updates both networks and their targets.
     fn update(&mut self, replay: &Replay, rates: &Rates, rng: &mut Pcg64) -> Update;
-    /// The actor's layers: of the latest weights, or of their running average.
+    /// Returns the actor's layers: the latest weights, or their running average.
     fn actor(&self, averaged: bool) -> [Layer; 3];
-    /// Samples in a batch.
+    /// Returns the number of samples in a batch.
     fn batch(&self) -> usize;
-    /// All that outlives an update.
+    /// Returns everything that outlives an update, to store in a checkpoint.
     fn state(&self) -> AgentState;
-    /// Goes on from the state of an agent of the same shape; false when it is not.
+    /// Restores the state of an agent of the same shape; returns false when the shape differs.
     fn restore(&mut self, state: &AgentState) -> bool;
 }
 
@@ -95,7 +97,7 @@ pub struct Ddpg<const X: usize, const H: usize, const E: usize, const P: usize, 
     critic: Mlp<X, H, E, 1, P>,
     critic_target: Mlp<X, H, E, 1, P>,
     critic_adam: Adam<P>,
-    // Room for an update; nothing in it outlives one.
+    // Buffers of an update; no value in them outlives it.
     batch: Batch<B>,
     actor_pass: ActorPass<B>,
     critic_pass: Pass<X, H, E, 1, P, B>,
@@ -105,17 +107,17 @@ pub struct Ddpg<const X: usize, const H: usize, const E: usize, const P: usize, 
     critic_one: Pass<X, H, E, 1, P, ONE>,
 }
 
-/// The action joins at the critic's second layer, as in the paper.
+/// An agent whose critic takes the action at its second layer, as in the paper.
 pub type PaperDdpg<const B: usize> = Ddpg<3, 50, 2, 56, B>;
-/// The action is an input of a critic 50 wide.
+/// An agent whose critic takes the action as an input and is 50 units wide.
 pub type JointDdpg50<const B: usize> = Ddpg<5, 50, 0, 56, B>;
-/// The action is an input of a critic 100 wide.
+/// An agent whose critic takes the action as an input and is 100 units wide.
 pub type JointDdpg100<const B: usize> = Ddpg<5, 100, 0, 104, B>;
 
 impl<const X: usize, const H: usize, const E: usize, const P: usize, const B: usize>
     Ddpg<X, H, E, P, B>
 {
-    /// From the layers of both networks; the targets start as copies.
+    /// Creates an agent from the layers of both networks. The targets start as copies.
     #[must_use]
     pub fn new(isa: Isa, output: UnitOutput, actor: &[Layer; 3], critic: &[Layer; 3]) -> Self {
         let actor = Actor::from_layers(actor);
@@ -141,7 +143,7 @@ impl<const X: usize, const H: usize, const E: usize, const P: usize, const B: us
         }
     }
 
-    /// With an actor that is, and stays, the same in the mirror.
+    /// Makes the actor mirror-symmetric; every update keeps it so.
     #[must_use]
     pub fn with_symmetric_actor(mut self) -> Self {
         self.symmetric_actor = true;
@@ -151,7 +153,7 @@ impl<const X: usize, const H: usize, const E: usize, const P: usize, const B: us
         self
     }
 
-    /// The actor's outputs of the pass as actions, into the critic's pass.
+    /// Maps the actor's outputs of the pass to actions in the critic's pass.
     #[inline(always)]
     fn actions<S: Simd>(&mut self, simd: S) {
         let bound = S::V8::splat(simd, self.output.bound);
@@ -165,8 +167,8 @@ impl<const X: usize, const H: usize, const E: usize, const P: usize, const B: us
         }
     }
 
-    /// The actor's output slopes from the critic's slopes by the action.
-    /// Where the clip holds, only what leads back inside passes.
+    /// Computes the actor's output slopes from the critic's slopes by the action. Where the
+    /// clip is active, only slopes that lead back inside pass.
     #[inline(always)]
     fn action_slopes<S: Simd>(&mut self, simd: S) {
         let bound = S::V8::splat(simd, self.output.bound);
@@ -189,8 +191,8 @@ impl<const X: usize, const H: usize, const E: usize, const P: usize, const B: us
         }
     }
 
-    /// The critic's output slopes: the squared error against the Bellman target,
-    /// whose values are in `target`.
+    /// Computes the critic's output slopes: those of the squared error against the Bellman
+    /// target, with the target networks' value of the next state in `next_value`.
     #[inline(always)]
     fn critic_slopes<S: Simd>(&mut self, simd: S, discount: f32, next_value: &[f32; B]) {
         let discount = S::V8::splat(simd, discount);
@@ -216,7 +218,7 @@ impl<const X: usize, const H: usize, const E: usize, const P: usize, const B: us
 
     #[inline(always)]
     fn learn<S: Simd>(&mut self, simd: S, rates: &Rates) -> Update {
-        // The Bellman target, by both target networks.
+        // The Bellman target uses both target networks.
         self.observe(true);
         self.actor_target.forward(simd, &mut self.actor_pass);
         self.actions(simd);
@@ -241,7 +243,8 @@ impl<const X: usize, const H: usize, const E: usize, const P: usize, const B: us
             self.critic_target.rows_mut(),
         );
 
-        // The actor climbs the value that the critic, just updated, gives its actions.
+        // The actor follows the gradient of the value that the updated critic gives its
+        // actions.
         self.actor.forward(simd, &mut self.actor_pass);
         self.actions(simd);
         self.critic.forward(simd, &mut self.critic_pass);
@@ -268,7 +271,7 @@ impl<const X: usize, const H: usize, const E: usize, const P: usize, const B: us
     }
 }
 
-/// One update, as a kernel.
+/// A kernel that runs one update.
 struct Learn<'a, D, R> {
     agent: &'a mut D,
     replay: &'a Replay,
@@ -288,7 +291,7 @@ impl<const X: usize, const H: usize, const E: usize, const P: usize, const B: us
     }
 }
 
-/// The forward pass of one observation, as a kernel.
+/// A kernel that runs the forward pass of one observation.
 struct Forward<'a, const X: usize, const H: usize, const E: usize, const O: usize, const P: usize>(
     &'a Mlp<X, H, E, O, P>,
     &'a mut Pass<X, H, E, O, P, ONE>,
@@ -304,7 +307,7 @@ impl<const X: usize, const H: usize, const E: usize, const O: usize, const P: us
     }
 }
 
-/// tanh of two numbers, as a kernel.
+/// A kernel that computes tanh of two numbers.
 struct Tanh([f32; 2]);
 
 impl Kernel for Tanh {

@@ -1,6 +1,6 @@
 //! Off-line training of the leg's actor by deep deterministic policy gradient (DDPG).
-// What is generic over the instruction set must be inlined into the function
-// compiled for it, or it would fall back to the baseline.
+// Code that is generic over the instruction set must be inlined into the function that is
+// compiled for it, else it uses the baseline.
 #![allow(clippy::inline_always, reason = "see `simd`")]
 
 pub mod bridge;

@@ -1,4 +1,4 @@
-//! The `trainer` command line.
+//! The `trainer` program.
 
 fn main() -> std::process::ExitCode {
     trainer::cli::main()

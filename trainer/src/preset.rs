@@ -1,8 +1,8 @@
-//! The trainings that have a name.
+//! The named configurations of trainings.
 //!
-//! The paper's are those of "Learning to stop: a unifying principle for legged
-//! locomotion in varying environments", with what its text leaves open taken from
-//! its data (doi 10.5281/zenodo.4607469) where that shows it.
+//! The paper's are those of "Learning to stop: a unifying principle for legged locomotion in
+//! varying environments". Parameters that its text leaves open are taken from its data (doi
+//! 10.5281/zenodo.4607469) where these show them.
 
 use crate::config::{
     Config, Critic, Episode, Exploration, InitialWeights, Learning, Length, MediumDraw, Network,
@@ -11,7 +11,7 @@ use crate::config::{
 use leg_control::policy::GainPoint;
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_3, PI};
 
-/// A training with a name.
+/// A named configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Preset {
     /// The paper's agent, in water.
@@ -22,17 +22,17 @@ pub enum Preset {
     WaterToAir,
     /// The paper's universal controller: water and air in turn.
     Universal,
-    /// One actor for every density, and to be flown.
+    /// One actor for every density ratio; the shipped policy's preset.
     Robust,
 }
 
-/// Lowest touchdown angle, rad, and elongation speed, m/s.
+/// Lowest action of the leg: touchdown angle in rad, elongation speed in m/s.
 pub const ACTION_LOW: [f32; 2] = [PI / 10.0, 0.0];
-/// Highest touchdown angle, rad, and elongation speed, m/s.
+/// Highest action of the leg: touchdown angle in rad, elongation speed in m/s.
 pub const ACTION_HIGH: [f32; 2] = [PI / 1.2, 2.0];
 
 impl Preset {
-    /// Its configuration.
+    /// Returns the configuration of the preset.
     #[must_use]
     pub fn config(self) -> Config {
         let water = stage(MediumDraw::Water, 3_000);
@@ -63,7 +63,7 @@ fn paper(name: &str, max_steps: u32, stages: Vec<Stage>) -> Config {
             observation_scale: [1.0; 3],
             action_offset: [0.0; 2],
             action_scale: [1.0; 2],
-            // Of both outputs, as the published actors have it.
+            // The published actors have the same gain for both outputs.
             output_gain: [PI / 1.2; 2],
             output_bound: f32::INFINITY,
             action_low: ACTION_LOW,
@@ -71,7 +71,7 @@ fn paper(name: &str, max_steps: u32, stages: Vec<Stage>) -> Config {
         },
         learning: Learning {
             batch: 32,
-            // In the code; the text says 0.5.
+            // The published code has 0.6, the text 0.5.
             discount: 0.6,
             target_smoothing: 1e-3,
             actor_learning_rate: 1e-3,
@@ -84,10 +84,10 @@ fn paper(name: &str, max_steps: u32, stages: Vec<Stage>) -> Config {
             mirror: false,
             actor_averaging: 0.0,
         },
-        // With the noise carried over between episodes, 0.6 read as a variance, or
-        // the clipped action in the replay buffer, the paper's early advantage of
-        // the transfer does not show (many seeds learn nothing in the last case:
-        // the actor has no offset and starts with its angle on the bound).
+        // Three other readings of the paper do not reproduce the early advantage of its
+        // transfer: noise carried over between episodes, 0.6 as a variance, and clipped actions
+        // in the replay buffer. In the last case many seeds learn nothing, because the actor
+        // has no offset and starts with its angle on the bound.
         exploration: Exploration::OrnsteinUhlenbeck {
             attraction: 0.15,
             deviation: 0.6,
@@ -100,7 +100,7 @@ fn paper(name: &str, max_steps: u32, stages: Vec<Stage>) -> Config {
             height: 0.0,
             height_m: 1.8,
             fall: 0.0,
-            // The data pays the last low apex, where the text has 0.
+            // The data reward a last apex below 1 m, the text does not.
             low_is_fall: false,
         },
         episode: Episode {
@@ -116,7 +116,7 @@ fn paper(name: &str, max_steps: u32, stages: Vec<Stage>) -> Config {
         },
         stages,
         selection: Selection { evaluations: 0, starts: 0, tracking: 0.0 },
-        // The published code: integral only.
+        // The published code has an integral gain only.
         gains: vec![GainPoint {
             density_ratio: 0.0,
             kp: 0.0,
@@ -134,16 +134,16 @@ fn robust() -> Config {
         critic: Critic::Joint100,
         initial_weights: InitialWeights::FanIn,
         actor_last_layer: 0.1,
-        // The mirror image of a hop is a hop: with the symmetry built in, to stop means
-        // to stop dead, and forwards is learnt with backwards.
+        // The mirror image of a hop is a hop. A symmetric actor stops at exactly zero speed, and
+        // learns both directions from the steps of one.
         symmetric_actor: true,
         observation_offset: [0.0, 2.5, 0.5],
         observation_scale: [1.0 / 3.0, 0.4, 2.0],
         action_offset: [FRAC_PI_2, 1.0],
         action_scale: [FRAC_PI_3, 1.0],
-        // The elongation speed goes past its bounds, so that the actor can say
-        // exactly 0: in a vacuum, where elongation only adds energy, nothing else
-        // gives a steady gait.
+        // The range of the elongation speed exceeds its bounds, so that the actor can reach
+        // exactly 0. In a vacuum, where elongation only adds energy, no other value gives a
+        // steady gait.
         output_gain: [1.0, 1.5],
         output_bound: 1.0,
         ..config.network
@@ -172,9 +172,9 @@ fn robust() -> Config {
     config.episode.spread = 3.3;
     config.episode.low_share = 0.15;
     config.episode.uniform_share = 0.1;
-    // On land nearly all starts are soon mastered; what falls is worth another try.
+    // On land the actor soon masters nearly all starts, so failed starts are replayed.
     config.episode.retry_share = 0.5;
-    // Thick water asks for all that the leg has: to reach 1 m/s it must be led.
+    // In water 1 m/s needs nearly all of the leg's power; without a bias it is not reached.
     config.episode.led_share = [0.25, 0.5];
     config.episode.lead_m_s = 3.0;
     config.stages = vec![Stage {
@@ -193,7 +193,7 @@ mod tests {
     use clap::ValueEnum;
 
     #[test]
-    fn every_preset_is_valid_and_survives_toml() {
+    fn every_preset_is_valid_and_round_trips_through_toml() {
         for preset in Preset::value_variants() {
             let config = preset.config();
             config.check().unwrap();

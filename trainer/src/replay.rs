@@ -1,28 +1,28 @@
-//! The replay buffer: transitions kept, and drawn from at random.
+//! The replay buffer: it stores transitions and draws random batches from them.
 
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::net::Row;
 
-/// One step of the environment, in the networks' units.
+/// One step of the environment, scaled to the networks' inputs and outputs.
 #[repr(align(64))]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Transition {
-    /// The scaled observation acted on.
+    /// Scaled observation before the step.
     pub observation: [f32; 3],
-    /// The action in unit space.
+    /// Action in unit space.
     pub action: [f32; 2],
-    /// The reward.
+    /// Reward of the step.
     pub reward: f32,
-    /// The scaled observation that followed.
+    /// Scaled observation after the step.
     pub next: [f32; 3],
-    /// 1, or 0 where the episode ended for good, so that nothing follows.
+    /// 1, or 0 where the episode ended with this step and has no next value.
     pub continues: f32,
 }
 
 impl Transition {
-    /// Numbers in one.
+    /// Number of `f32` in a transition.
     const NUMBERS: usize = 10;
 
     fn numbers(&self) -> [f32; Self::NUMBERS] {
@@ -36,16 +36,16 @@ impl Transition {
     }
 }
 
-/// A replay buffer as it is kept in a checkpoint.
+/// The state of a replay buffer in a checkpoint.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ReplayState {
-    /// Transition by transition, ten numbers each.
+    /// The transitions, ten numbers each.
     #[serde(with = "bytes")]
     numbers: Vec<f32>,
     oldest: usize,
 }
 
-/// Many numbers as one run of bytes, little-endian: item by item is slow.
+/// Serialises numbers as one byte string, little-endian. One number at a time would be slow.
 pub(crate) mod bytes {
     use serde::{Deserialize, Deserializer, Serializer, de::Error};
 
@@ -64,16 +64,16 @@ pub(crate) mod bytes {
     }
 }
 
-/// The latest transitions, up to a capacity.
+/// A buffer of the latest transitions, up to a capacity.
 #[derive(Clone, Debug)]
 pub struct Replay {
-    kept: Vec<Transition>,
+    transitions: Vec<Transition>,
     capacity: usize,
-    /// Where the next transition goes once the buffer is full.
+    /// Index of the oldest transition once the buffer is full.
     oldest: usize,
 }
 
-/// A batch, sample by sample along the rows.
+/// A batch; every row has one number for each sample.
 #[derive(Clone, Debug)]
 pub(crate) struct Batch<const B: usize> {
     pub(crate) observation: [Row<B>; 3],
@@ -84,57 +84,58 @@ pub(crate) struct Batch<const B: usize> {
 }
 
 impl Replay {
-    /// An empty buffer.
+    /// Creates an empty buffer.
     ///
     /// # Panics
     /// If `capacity` is 0 or does not fit 32 bits.
     #[must_use]
     pub fn new(capacity: usize) -> Self {
         assert!(capacity > 0 && u32::try_from(capacity).is_ok());
-        Self { kept: Vec::new(), capacity, oldest: 0 }
+        Self { transitions: Vec::new(), capacity, oldest: 0 }
     }
 
-    /// Transitions kept.
+    /// Returns the number of stored transitions.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.kept.len()
+        self.transitions.len()
     }
 
-    /// Whether there are none.
+    /// Whether the buffer is empty.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.kept.is_empty()
+        self.transitions.is_empty()
     }
 
-    /// Keeps `transition`, in place of the oldest when full.
+    /// Stores a transition; a full buffer overwrites the oldest.
     pub fn push(&mut self, transition: Transition) {
-        if self.kept.len() < self.capacity {
-            self.kept.push(transition);
+        if self.transitions.len() < self.capacity {
+            self.transitions.push(transition);
         } else {
-            self.kept[self.oldest] = transition;
+            self.transitions[self.oldest] = transition;
             self.oldest = (self.oldest + 1) % self.capacity;
         }
     }
 
-    /// What is in it.
+    /// Returns the state to store in a checkpoint.
     #[must_use]
     pub fn state(&self) -> ReplayState {
-        let mut numbers = Vec::with_capacity(Transition::NUMBERS * self.kept.len());
-        self.kept.iter().for_each(|t| numbers.extend(t.numbers()));
+        let mut numbers = Vec::with_capacity(Transition::NUMBERS * self.transitions.len());
+        self.transitions.iter().for_each(|t| numbers.extend(t.numbers()));
         ReplayState { numbers, oldest: self.oldest }
     }
 
-    /// With what was in another of the same capacity; `None` when it does not fit.
+    /// Restores the state of a buffer of the same capacity; `None` when it does not fit.
     #[must_use]
     pub fn from_state(capacity: usize, state: &ReplayState) -> Option<Self> {
         let (transitions, rest) = state.numbers.as_chunks::<{ Transition::NUMBERS }>();
-        let kept: Vec<_> = transitions.iter().map(|t| Transition::from_numbers(*t)).collect();
-        let fits = rest.is_empty() && kept.len() <= capacity && state.oldest < capacity;
-        fits.then_some(Self { kept, capacity, oldest: state.oldest })
+        let transitions: Vec<_> =
+            transitions.iter().map(|t| Transition::from_numbers(*t)).collect();
+        let fits = rest.is_empty() && transitions.len() <= capacity && state.oldest < capacity;
+        fits.then_some(Self { transitions, capacity, oldest: state.oldest })
     }
 
-    /// Draws a batch, with replacement. With `mirror`, each sample is reflected
-    /// with probability 1/2: the leg does not know forwards from backwards.
+    /// Draws a batch, with replacement. With `mirror`, each sample is mirrored with probability
+    /// 1/2, because the dynamics of the leg are mirror-symmetric.
     #[inline(always)]
     pub(crate) fn sample<const B: usize>(
         &self,
@@ -142,11 +143,12 @@ impl Replay {
         rng: &mut impl Rng,
         batch: &mut Batch<B>,
     ) {
-        let count = self.kept.len() as u64;
+        let count = self.transitions.len() as u64;
         for b in 0..B {
             let bits = rng.next_u64();
-            // High half: which. The bias of the multiplication is below count / 2^32.
-            let t = &self.kept[(((bits >> 32) * count) >> 32) as usize];
+            // The high half selects the transition; the bias of the multiplication is below
+            // count / 2^32.
+            let t = &self.transitions[(((bits >> 32) * count) >> 32) as usize];
             let sign = if mirror && bits & 1 == 1 { -1.0 } else { 1.0 };
             for i in 0..3 {
                 let sign = if i == 0 { sign } else { 1.0 };
@@ -191,16 +193,16 @@ mod tests {
     }
 
     #[test]
-    fn the_oldest_makes_room() {
+    fn a_full_buffer_overwrites_the_oldest_transition() {
         let mut replay = Replay::new(3);
         (1..=5).for_each(|i| replay.push(transition(i)));
-        let mut kept: Vec<f32> = replay.kept.iter().map(|t| t.reward).collect();
-        kept.sort_by(f32::total_cmp);
-        assert_eq!(kept, [3.0, 4.0, 5.0]);
+        let mut transitions: Vec<f32> = replay.transitions.iter().map(|t| t.reward).collect();
+        transitions.sort_by(f32::total_cmp);
+        assert_eq!(transitions, [3.0, 4.0, 5.0]);
     }
 
     #[test]
-    fn a_mirrored_sample_is_reflected_as_a_whole() {
+    fn mirroring_changes_the_sign_of_every_odd_number_of_a_sample() {
         let mut replay = Replay::new(8);
         (1..=8).for_each(|i| replay.push(transition(i)));
         let mut rng = Pcg64::seed_from_u64(1);

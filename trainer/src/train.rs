@@ -1,4 +1,4 @@
-//! A training from its first step to the actor that is kept.
+//! A training, from its first step to its best actor.
 
 mod state;
 
@@ -20,57 +20,57 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde::Serialize;
 
-/// What is logged of an episode.
+/// The log record of an episode.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct EpisodeRecord {
-    /// From 1, over all stages.
+    /// Number of the episode, from 1, over all stages.
     pub episode: u64,
-    /// Stage, from 1.
+    /// Number of the stage, from 1.
     pub stage: usize,
     /// Environment steps so far, over all stages.
     pub total_steps: u64,
-    /// Density ratio.
+    /// Density ratio of the episode.
     pub density_ratio: f64,
-    /// Sum of the rewards.
+    /// Sum of the episode's rewards.
     pub reward: f64,
-    /// Steps in this episode.
+    /// Number of steps in the episode.
     pub steps: u32,
-    /// The critic's value of the actor's action at the start.
+    /// The critic's value of the actor's action at the start of the episode.
     pub q0: f32,
 }
 
-/// Training went to infinity.
+/// A training whose numbers are no longer finite.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("training diverged at step {step}: {seen}; lower the learning rates, or take another seed")]
 pub struct DivergenceError {
-    /// The environment step.
+    /// Environment step at which it was found, over all stages.
     pub step: u64,
-    /// What was not finite.
+    /// The number that is not finite.
     pub seen: NotFinite,
 }
 
-/// What is not finite in a training that diverged.
+/// The number that is not finite in a training that diverged.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NotFinite {
-    /// In an update, before clipping.
+    /// Norm of the critic's gradient before clipping.
     #[error("the norm of the critic's gradient is {0}")]
     CriticGradient(f32),
-    /// In an update, before clipping.
+    /// Norm of the actor's gradient before clipping.
     #[error("the norm of the actor's gradient is {0}")]
     ActorGradient(f32),
-    /// The action that is explored from, in unit space: of weights that are not finite.
+    /// The actor's action in unit space, before exploration noise; a weight is not finite.
     #[error("the actor's action is {0:?}")]
     Action([f32; 2]),
-    /// The critic's value of an episode's start: of weights that are not finite.
+    /// The critic's value of an episode's start; a weight is not finite.
     #[error("the critic's value is {0}")]
     Value(f32),
-    /// A step's: the velocity was exactly 0, and no `reward.cap` is set.
+    /// Reward of a step: the velocity was exactly 0, and `reward.cap` is infinite.
     #[error("a reward is {0} (a finite reward.cap bounds it)")]
     Reward(f64),
 }
 
 impl Update {
-    /// What is not finite in it.
+    /// Returns the gradient norm that is not finite, if any.
     #[must_use]
     pub fn not_finite(&self) -> Option<NotFinite> {
         let (critic, actor) = (self.critic_gradient_norm, self.actor_gradient_norm);
@@ -81,7 +81,7 @@ impl Update {
     }
 }
 
-/// A training under way. Everything random in it comes from its one seed.
+/// A running training. Its one seed determines everything random in it.
 pub struct Training {
     config: Config,
     seed: u64,
@@ -94,9 +94,9 @@ pub struct Training {
     batch_rng: Pcg64,
     selector: Option<Selector>,
     stage: usize,
-    /// Of this stage.
+    /// Environment steps in the present stage.
     steps: u64,
-    /// Of this stage.
+    /// Episodes in the present stage.
     episodes: u64,
     total_steps: u64,
     total_episodes: u64,
@@ -105,7 +105,8 @@ pub struct Training {
 }
 
 impl Training {
-    /// Ready for the first step. The configuration must have passed its check.
+    /// Prepares the first step. The configuration must have passed [`Config::check`]; `isa`
+    /// does not affect the result.
     #[must_use]
     pub fn new(config: Config, seed: u64, isa: Isa) -> Self {
         let mut root = Pcg64::seed_from_u64(seed);
@@ -133,51 +134,51 @@ impl Training {
         }
     }
 
-    /// What is trained.
+    /// Returns the configuration.
     #[must_use]
     pub fn config(&self) -> &Config {
         &self.config
     }
 
-    /// Of everything random in it.
+    /// Returns the seed.
     #[must_use]
     pub fn seed(&self) -> u64 {
         self.seed
     }
 
-    /// Environment steps so far.
+    /// Returns the environment steps so far, over all stages.
     #[must_use]
     pub fn total_steps(&self) -> u64 {
         self.total_steps
     }
 
-    /// Updates so far, over all stages.
+    /// Returns the updates so far, over all stages.
     #[must_use]
     pub fn total_updates(&self) -> u64 {
         self.total_updates
     }
 
-    /// What the latest update saw; `None` before the first of this process.
+    /// Returns the gradients of the latest update; `None` before the first of this process.
     #[must_use]
     pub fn latest_update(&self) -> Option<Update> {
         self.latest_update
     }
 
-    /// What evaluates and keeps the best actor, where there is one.
+    /// Returns the selector of the best actor, where the configuration has a selection.
     #[must_use]
     pub fn selector(&self) -> Option<&Selector> {
         self.selector.as_ref()
     }
 
-    /// The actor's action in unit space for an observation in its own units
-    /// (m/s, m, density ratio), without exploration.
+    /// Returns the actor's action in unit space, without exploration, for an observation in
+    /// m/s, m and density ratio.
     pub fn act(&mut self, observation: [f32; 3]) -> [f32; 2] {
         let n = &self.config.network;
         let scaled = |i: usize| (observation[i] - n.observation_offset[i]) * n.observation_scale[i];
         self.agent.act([0, 1, 2].map(scaled))
     }
 
-    /// Share of the present stage done, from 0 to 1; 1 after the last.
+    /// Returns the completed share of the present stage, from 0 to 1; 1 after the last stage.
     #[must_use]
     pub fn share_of_stage(&self) -> f64 {
         match self.config.stages.get(self.stage).map(|stage| stage.length) {
@@ -187,13 +188,13 @@ impl Training {
         }
     }
 
-    /// Stages that are done.
+    /// Returns the number of completed stages.
     #[must_use]
     pub fn stages_done(&self) -> usize {
         self.stage
     }
 
-    /// Share of all stages done, from 0 to 1, each stage weighing alike.
+    /// Returns the completed share of all stages, from 0 to 1; each stage has the same weight.
     #[must_use]
     pub fn share_done(&self) -> f64 {
         let stages = self.config.stages.len();
@@ -203,7 +204,7 @@ impl Training {
         (self.stage as f64 + self.share_of_stage().min(1.0)) / stages as f64
     }
 
-    /// The next episode; `None` when all stages are done.
+    /// Runs the next episode with its updates; returns `None` when all stages are complete.
     ///
     /// # Errors
     /// [`DivergenceError`] when a gradient, a reward, an action or a value is not finite.
@@ -236,7 +237,7 @@ impl Training {
         Ok(Some(record))
     }
 
-    /// One update on the replay buffer as it is; for benchmarks.
+    /// Runs one update on the present replay buffer, for benchmarks.
     pub fn update(&mut self) -> Update {
         let rates = rates(&self.config, 0, Length::Episodes(1));
         self.agent.update(&self.replay, &rates, &mut self.batch_rng)
@@ -312,7 +313,8 @@ impl Training {
                 }
             }
             if outcome.ended {
-                // Of random actions a fall says nothing; nor of a leg that was led.
+                // A fall says nothing about the actor after random actions, nor in a
+                // velocity-bias episode.
                 if self.steps > learning.random_steps && !environment.is_biased() {
                     self.failed_starts.push(environment.start());
                 }
@@ -323,7 +325,7 @@ impl Training {
         Ok(record)
     }
 
-    /// The actor to keep, and how the selection saw it where there was one.
+    /// Returns the best actor with its score; without a selection, the latest actor.
     #[must_use]
     pub fn best_actor(&self) -> (PackedActor, Option<Score>) {
         if let Some((packed, score)) = self.selector.as_ref().and_then(Selector::best) {
@@ -334,7 +336,7 @@ impl Training {
     }
 }
 
-/// An action in unit space: at random, or the actor's with noise.
+/// Returns an action in unit space: uniformly random, or the actor's with noise.
 fn explore(
     config: &Config,
     agent: &mut dyn Agent,
@@ -361,7 +363,7 @@ fn explore(
     })
 }
 
-/// The rates of the update after step `steps` of a stage.
+/// Returns the parameters of the update after step `steps` of a stage.
 fn rates(config: &Config, steps: u64, length: Length) -> Rates {
     let l = &config.learning;
     let decay = match length {
@@ -379,7 +381,7 @@ fn rates(config: &Config, steps: u64, length: Length) -> Rates {
     }
 }
 
-/// An agent with fresh weights.
+/// Creates an agent with random initial weights.
 #[must_use]
 pub fn agent(config: &Config, isa: Isa, rng: &mut impl Rng) -> Box<dyn Agent> {
     let n = &config.network;

@@ -34,10 +34,10 @@ fn imports() -> [(Vec<u8>, Import); 2] {
 fn a_policy_comes_back_bit_for_bit() {
     for (bytes, import) in imports() {
         let imported = import(&bytes).unwrap().complete(&ImportOptions::default()).unwrap();
-        assert_eq!(imported.packed, PackedActor::from(&shipped()));
+        assert_eq!(imported.actor, PackedActor::from(&shipped()));
         assert!(imported.assumed.is_empty(), "{:?}", imported.assumed);
         let card = imported.card.expect("the weights are those it was written for");
-        assert_eq!(card.policy(&imported.packed).unwrap().as_slice(), SHIPPED);
+        assert_eq!(card.policy(&imported.actor).unwrap().as_slice(), SHIPPED);
     }
     // The same file every time, whatever the order of a hash map.
     for (first, second) in imports().into_iter().zip(imports()) {
@@ -52,7 +52,7 @@ fn a_card_does_not_vouch_for_other_weights() {
     draft.layers[1].weights[7] += 1e-3;
     let imported = draft.complete(&ImportOptions::default()).unwrap();
     assert_eq!(imported.card, None);
-    assert_eq!(imported.packed.observation, PackedActor::from(&shipped()).observation);
+    assert_eq!(imported.actor.observation, PackedActor::from(&shipped()).observation);
 }
 
 #[test]
@@ -97,9 +97,9 @@ fn a_state_dict_of_another_program_is_read() {
     for (prefix, dtype) in [("", Dtype::F32), ("actor.mu.", Dtype::F64), ("pi.", Dtype::F32)] {
         let draft = st::import(&foreign(prefix, dtype, |_, _| ()), None).unwrap();
         let imported = draft.complete(&ImportOptions::default()).unwrap();
-        assert_eq!(imported.packed.weights, own.weights);
+        assert_eq!(imported.actor.weights, own.weights);
         // Spread over the leg's actions.
-        let action = imported.packed.action;
+        let action = imported.actor.action;
         assert_eq!((action.offset[1], action.scale[1]), (1.0, 1.0));
         assert!((action.offset[0] + action.scale[0] - action.high[0]).abs() < 1e-6);
         assert_eq!(imported.assumed.len(), 4, "{:?}", imported.assumed);
@@ -113,7 +113,7 @@ fn a_state_dict_of_another_program_is_read() {
             action_high: Some(own.action.high),
         };
         let draft = st::import(&foreign(prefix, dtype, |_, _| ()), None).unwrap();
-        assert_eq!(draft.complete(&given).unwrap().packed, own);
+        assert_eq!(draft.complete(&given).unwrap().actor, own);
     }
 }
 
@@ -153,7 +153,7 @@ fn damaged_files_are_refused_or_read_but_never_a_panic() {
             |bytes: &[u8]| match import(bytes).map(|d| d.complete(&ImportOptions::default())) {
                 Ok(Ok(imported)) => {
                     let observation = leg_control::actor::Observation::default();
-                    let action = imported.packed.actor().act(observation);
+                    let action = imported.actor.actor().act(observation);
                     assert!(action.touchdown_angle_rad.is_finite());
                     true
                 }

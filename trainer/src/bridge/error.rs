@@ -1,71 +1,69 @@
-//! Why a file from elsewhere is not taken.
+//! The errors of importing an actor.
 
 use super::json::TOLERANCE;
 use leg_control::actor::ShapeError;
 use leg_control::policy::WriteError;
 
-/// Why a file holds no actor that can fly.
+/// The reason why a file holds no actor that the controller can run.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ImportError {
-    /// It is no JSON.
+    /// The file is not JSON.
     #[error("not JSON: {0}")]
     Syntax(#[from] serde_json::Error),
-    /// It is no safetensors file.
+    /// The file is not a safetensors file.
     #[error("not a safetensors file: {0}; write it with safetensors.torch.save_file")]
     Safetensors(String),
-    /// It is no ONNX file.
+    /// The file is not an ONNX file.
     #[error("not an ONNX file: {0}; write it with torch.onnx.export")]
     Protobuf(#[from] prost::DecodeError),
-    /// A value is missing or of the wrong kind.
+    /// A value is missing or wrong.
     #[error("{key}: {found}, expected {expected}")]
     Value {
-        /// Where, such as `layers[1].bias`.
+        /// Path of the value, such as `layers[1].bias`.
         key: String,
-        /// What is there.
+        /// What was found.
         found: String,
-        /// What should be.
+        /// What was expected.
         expected: String,
     },
-    /// The layers are not those of an actor.
+    /// The layers do not form an actor.
     #[error("layers: {0}")]
     Shape(#[from] ShapeError),
-    /// A test vector comes out otherwise.
+    /// The actor does not reproduce a test vector.
     #[error(
         "test_vectors[{index}].action: {expected:?}, but the layers give {found:?}, more than {TOLERANCE} off"
     )]
     TestVector {
-        /// Which, from 0.
+        /// Index of the test vector, from 0.
         index: usize,
-        /// ImportOptions.
+        /// Action of the test vector.
         expected: [f64; 2],
-        /// Computed.
+        /// Action of the layers.
         found: [f64; 2],
     },
-    /// No layers lead from an observation to an action.
-    #[error(
-        "no layers in a row lead from 3 inputs to 2 outputs; it holds {found}; name the layers in order, such as --layers fc1,fc2,mu"
-    )]
+    /// No row of layers leads from an observation to an action.
+    #[error("no layers in a row lead from 3 inputs to 2 outputs; it holds {found}")]
     NoActor {
-        /// The layers that are there.
+        /// Layers in the file.
         found: String,
     },
     /// More than one row of layers could be the actor.
-    #[error("{} rows of layers could be the actor: {}; choose one", candidates.len(), candidates.join(" or "))]
+    #[error("{} rows of layers could be the actor: {}", candidates.len(), candidates.join(" or "))]
     Ambiguous {
-        /// Each as an option of the command line.
+        /// Rows of layers, each as a list of names.
         candidates: Vec<String>,
     },
-    /// A graph that is not an actor's.
+    /// The graph is not that of an actor.
     #[error("{0}")]
     Graph(String),
-    /// A figure is given for what the file says itself.
-    #[error("{option}: the file has its own; leave the option out")]
-    Own {
-        /// The option.
-        option: &'static str,
+    /// A value is given that the file also states.
+    #[error("{name}: the file states its own")]
+    Stated {
+        /// Name of the value.
+        name: &'static str,
     },
-    /// The controller would refuse it.
+    /// The controller would refuse the policy.
     #[error(transparent)]
     Refused(#[from] WriteError),
 }

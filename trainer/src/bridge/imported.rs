@@ -1,4 +1,4 @@
-//! An actor as a file has it, and what must be added to make it fly.
+//! An actor as read from a file, and its completion by what the file does not state.
 
 use super::ImportError;
 use super::model_card::ModelCard;
@@ -10,33 +10,33 @@ use leg_control::actor::{ActionScaling, ObservationScaling};
 /// Two pairs of numbers, one of each pair for each action: rad, m/s.
 pub type Pairs = [[f32; 2]; 2];
 
-/// An actor as read from a file. What the file does not say is `None`.
+/// An actor as read from a file. A value that the file does not state is `None`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImportedActor {
-    /// In natural order.
+    /// Layers from the inputs to the outputs.
     pub layers: Vec<Layer>,
-    /// From an observation to the network's inputs.
+    /// Maps an observation to the network's inputs.
     pub observation: Option<ObservationScaling>,
-    /// From the tanh of the outputs to an action: scale, then offset; rad, m/s.
+    /// Maps the tanh of the outputs to an action: scale, then offset; rad, m/s.
     pub action: Option<Pairs>,
     /// Lowest and highest action; rad, m/s.
     pub bounds: Option<Pairs>,
-    /// What one of our own exports says of itself.
+    /// Model card, in files of this trainer's own exports.
     pub card: Option<ModelCard>,
-    /// What the file cannot say and was taken for granted.
+    /// Assumptions about what the file format cannot state.
     pub assumed: Vec<String>,
 }
 
-/// Scalings that a user gives, for files that do not have them.
+/// Values that the user gives for files that do not state them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ImportOptions {
-    /// Subtracted from the observation: m/s, m, ratio.
+    /// Offset that is subtracted from the observation: m/s, m, ratio.
     pub observation_offset: Option<[f32; 3]>,
-    /// Then multiplied.
+    /// Scale that the observation is then multiplied by.
     pub observation_scale: Option<[f32; 3]>,
-    /// Added to the scaled tanh: rad, m/s.
+    /// Offset that is added to the scaled tanh: rad, m/s.
     pub action_offset: Option<[f32; 2]>,
-    /// Of the tanh: rad, m/s.
+    /// Scale of the tanh: rad, m/s.
     pub action_scale: Option<[f32; 2]>,
     /// Lowest action: rad, m/s.
     pub action_low: Option<[f32; 2]>,
@@ -44,34 +44,34 @@ pub struct ImportOptions {
     pub action_high: Option<[f32; 2]>,
 }
 
-/// An actor that can fly.
+/// An actor that the controller can run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CompleteActor {
     /// The actor.
-    pub packed: PackedActor,
-    /// The card, if it was written for this very actor.
+    pub actor: PackedActor,
+    /// Model card, if it was written for exactly this actor.
     pub card: Option<ModelCard>,
-    /// What neither the file nor the user said.
+    /// Assumptions about values that neither the file nor the user gave.
     pub assumed: Vec<String>,
 }
 
 impl ImportedActor {
-    /// Fills in what the file does not say: what is given; else observations as they
-    /// are, the leg's bounds, and a tanh from -1 to 1 spread from the lowest to the
-    /// highest action (what a Gymnasium `Box` action means to SB3).
+    /// Completes the actor with the given values. The defaults are unscaled observations, the
+    /// leg's bounds, and a tanh from -1 to 1 that is spread from the lowest to the highest
+    /// action (as SB3 does for a Gymnasium `Box` action).
     ///
     /// # Errors
-    /// When a figure is given for what the file says itself, when one is not finite
-    /// or out of order, and when the layers are not those of an actor.
+    /// [`ImportError`] when a value is given that the file states itself, when a value is not
+    /// finite or out of order, and when the layers do not form an actor.
     pub fn complete(self, given: &ImportOptions) -> Result<CompleteActor, ImportError> {
         let ImportOptions { observation_offset, observation_scale, .. } = *given;
         let ImportOptions { action_offset, action_scale, action_low, action_high, .. } = *given;
-        refuse(self.observation.is_some() && observation_offset.is_some(), "--observation-offset")?;
-        refuse(self.observation.is_some() && observation_scale.is_some(), "--observation-scale")?;
-        refuse(self.action.is_some() && action_offset.is_some(), "--action-offset")?;
-        refuse(self.action.is_some() && action_scale.is_some(), "--action-scale")?;
-        refuse(self.bounds.is_some() && action_low.is_some(), "--action-low")?;
-        refuse(self.bounds.is_some() && action_high.is_some(), "--action-high")?;
+        refuse(self.observation.is_some() && observation_offset.is_some(), "observation offset")?;
+        refuse(self.observation.is_some() && observation_scale.is_some(), "observation scale")?;
+        refuse(self.action.is_some() && action_offset.is_some(), "action offset")?;
+        refuse(self.action.is_some() && action_scale.is_some(), "action scale")?;
+        refuse(self.bounds.is_some() && action_low.is_some(), "action low")?;
+        refuse(self.bounds.is_some() && action_high.is_some(), "action high")?;
 
         let mut assumed = self.assumed;
         let identity = ObservationScaling::IDENTITY;
@@ -112,16 +112,18 @@ impl ImportedActor {
             finite(&format!("biases of layer {i}"), &layer.bias)?;
         }
         let action = ActionScaling { scale, offset, low, high };
-        let packed = PackedActor::new(&self.layers, observation, action)?;
-        let card = self.card.filter(|card| card.policy(&packed).is_some());
-        Ok(CompleteActor { packed, card, assumed })
+        let actor = PackedActor::new(&self.layers, observation, action)?;
+        let card = self.card.filter(|card| card.policy(&actor).is_some());
+        Ok(CompleteActor { actor, card, assumed })
     }
 }
 
-fn refuse(both: bool, option: &'static str) -> Result<(), ImportError> {
-    if both { Err(ImportError::Own { option }) } else { Ok(()) }
+/// Refuses a value that is given although the file states it.
+fn refuse(both: bool, name: &'static str) -> Result<(), ImportError> {
+    if both { Err(ImportError::Stated { name }) } else { Ok(()) }
 }
 
+/// Refuses numbers that are not finite.
 fn finite(key: &str, numbers: &[f32]) -> Result<(), ImportError> {
     match numbers.iter().position(|x| !x.is_finite()) {
         None => Ok(()),

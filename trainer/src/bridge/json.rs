@@ -1,5 +1,5 @@
-//! Actors in JSON, in the layout of the published actors (doi 10.5281/zenodo.4607469)
-//! read out of their files:
+//! Actors in JSON, in the layout of the published actors (doi 10.5281/zenodo.4607469) as read
+//! out of their files:
 //!
 //! ```json
 //! {"hidden_activation": "relu",
@@ -9,8 +9,8 @@
 //!  "test_vectors": [{"observation": [vx, y, rho], "action": [alpha, rs]}, ...]}
 //! ```
 //!
-//! Weights are row by output. Test vectors may be absent; where they are there,
-//! the imported actor must give their actions within 1e-5.
+//! Weights are row by output. Test vectors are optional; the imported actor must reproduce
+//! their actions within 1e-5.
 
 use super::ImportError;
 use super::imported::ImportedActor;
@@ -21,10 +21,10 @@ use serde_json::Value;
 
 /// Largest error of an imported actor against its test vectors, rad and m/s.
 pub(super) const TOLERANCE: f64 = 1e-5;
-/// The only output that this layout knows.
+/// The only output stage of this layout.
 const OUTPUT: &str = "clip(output_scale*tanh(z), low, high)";
 
-/// A value and the way to it.
+/// A value and its path.
 struct At<'a> {
     key: String,
     value: Option<&'a Value>,
@@ -94,10 +94,10 @@ impl At<'_> {
     }
 }
 
-/// Reads an actor from a JSON file: one that says everything.
+/// Reads an actor from a JSON file, which states everything.
 ///
 /// # Errors
-/// [`ImportError`] names the key, what is there and what should be.
+/// [`ImportError`] names the key, what was found and what was expected.
 pub fn import(bytes: &[u8]) -> Result<ImportedActor, ImportError> {
     let text = std::str::from_utf8(bytes).map_err(|e| {
         let found = format!("byte {} is not UTF-8", e.valid_up_to());
@@ -117,7 +117,7 @@ pub fn import(bytes: &[u8]) -> Result<ImportedActor, ImportError> {
 /// Reads an actor from JSON.
 ///
 /// # Errors
-/// [`ImportError`] names the key, what is there and what should be.
+/// [`ImportError`] names the key, what was found and what was expected.
 pub fn from_json(text: &str) -> Result<PackedActor, ImportError> {
     let value: Value = serde_json::from_str(text)?;
     let root = At { key: String::new(), value: Some(&value) };
@@ -176,13 +176,13 @@ mod tests {
     }
 
     #[test]
-    fn a_small_actor_gives_its_test_vector() {
+    fn an_imported_actor_reproduces_its_test_vector() {
         let packed = from_json(&small().to_string()).unwrap();
         assert_eq!(packed.widths.as_slice(), [3, 2]);
     }
 
     #[test]
-    fn errors_name_the_key_and_what_is_there() {
+    fn errors_name_the_key_and_its_value() {
         let refused = |change: &dyn Fn(&mut Value)| {
             let mut value = small();
             change(&mut value);

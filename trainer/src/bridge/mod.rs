@@ -1,15 +1,16 @@
-//! Actors out to, and in from, the tools that others use.
+//! Export of actors to the formats of other tools, and import from them.
 //!
-//! | file | out | in |
+//! | format | export | import |
 //! |---|---|---|
 //! | safetensors | the layers of a PyTorch `nn.Sequential` | any row of linear layers |
 //! | ONNX | a graph from `observation` to `action` | graphs of one such network |
-//! | C99 | the actor as one source file, to the last bit | |
+//! | C99 | the actor as one source file, with the controller's bits | |
 //! | JSON | | the layout of the published actors |
 //!
-//! A file that is read becomes a [imported::ImportedActor`]: layers, and the scalings that the
-//! file has. With what the user gives for the rest it becomes an actor that can fly.
-//! Our own exports carry a [`model_card::ModelCard`], by which they come back as the very policy.
+//! A file that is read becomes an [`imported::ImportedActor`]: its layers, and the scalings
+//! that it states. [`imported::ImportOptions`] complete it to an actor that the controller can
+//! run. Exports of this crate carry a [`model_card::ModelCard`], by which an import restores
+//! the same policy.
 
 pub mod c;
 

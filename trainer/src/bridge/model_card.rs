@@ -1,4 +1,4 @@
-//! What an exported actor says of itself, beside its weights.
+//! The model card: what an exported actor states about itself beside its weights.
 
 use super::ImportError;
 use crate::policy::{PackedActor, blob_with_manifest};
@@ -8,32 +8,32 @@ use leg_control::policy::{GainPoint, MAX_GAIN_POINTS, Manifest, Media, Policy, P
 use leg_process::policy_file::AlignedBytes;
 use serde::{Deserialize, Serialize};
 
-/// The name under which a file's metadata holds its card.
+/// Key of the card in a file's metadata.
 ///
-/// One entry and not one for each figure: readers and writers keep metadata in hash
-/// maps, whose order would change the file from one run to the next.
+/// The card is one entry, because readers and writers keep metadata in hash maps, whose order
+/// would change the file from one run to the next.
 pub const KEY: &str = "leg_actor";
 
-/// Everything in a policy but weights and test vectors, as one JSON object.
+/// Everything in a policy except weights and test vectors, as one JSON object.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ModelCard {
-    /// What the policy is called.
+    /// Name of the policy.
     pub name: String,
-    /// Between layers; always `relu`.
+    /// Activation between layers; always `relu`.
     pub hidden_activation: String,
-    /// From the last sums z to the action, for a reader.
+    /// Formula from the last sums z to the action, for human readers.
     pub output: String,
-    /// Network input = (observation - offset) * scale.
+    /// Scaling of the inputs: network input = (observation - offset) * scale.
     pub observation: ObservationScaling,
-    /// Action = clip(offset + scale * tanh(z), low, high).
+    /// Scaling of the outputs: action = clip(offset + scale * tanh(z), low, high).
     pub action: ActionScaling,
-    /// Recommended gains of the velocity cascade, by ascending density.
+    /// Recommended gains of the velocity cascade, by ascending density ratio.
     pub gains: Vec<GainPoint>,
-    /// The leg it was trained on.
+    /// Leg of the training.
     pub leg: LegModel,
-    /// The media it was trained in.
+    /// Media of the training.
     pub media: Media,
-    /// The trainer's preset, or where it was imported from.
+    /// Preset of the training, or the source of an imported actor.
     pub preset: String,
     /// Seed of the training.
     pub seed: u64,
@@ -43,7 +43,7 @@ pub struct ModelCard {
     pub trainer_version: String,
     /// Configuration of the training, TOML.
     pub config: String,
-    /// Of the policy file, hexadecimal.
+    /// CRC-32 of the policy file, hexadecimal.
     pub policy_crc32: String,
 }
 
@@ -70,7 +70,7 @@ impl From<&Policy<'_>> for ModelCard {
 }
 
 impl ModelCard {
-    /// As JSON, on one line.
+    /// Returns the card as JSON, on one line.
     ///
     /// # Panics
     /// Never: the numbers of a policy are finite.
@@ -79,10 +79,10 @@ impl ModelCard {
         serde_json::to_string(self).expect("strings and finite numbers")
     }
 
-    /// Reads a card.
+    /// Parses a card.
     ///
     /// # Errors
-    /// When it is not one, or one of another kind of network.
+    /// [`ImportError::Value`] when it is no card, or that of another kind of network.
     pub fn parse(json: &str) -> Result<Self, ImportError> {
         let key = |name: &str| format!("metadata {KEY}{name}");
         let card: Self = serde_json::from_str(json)
@@ -98,9 +98,9 @@ impl ModelCard {
         Ok(card)
     }
 
-    /// The policy that the card describes, of this actor. `None` when it is not the
-    /// one that the card was written for, as its checksum tells: the actor has been
-    /// changed since, and what the card says of its making no longer holds.
+    /// Returns the policy that the card describes, with this actor. `None` when the checksum
+    /// shows that the actor was changed since the card was written, so that the card no longer
+    /// holds.
     #[must_use]
     pub fn policy(&self, packed: &PackedActor) -> Option<AlignedBytes> {
         let bytes = blob_with_manifest(&self.manifest(packed), &packed.weights).ok()?;
@@ -108,7 +108,7 @@ impl ModelCard {
         (format!("{crc32:08x}") == self.policy_crc32).then_some(bytes)
     }
 
-    /// The manifest of a policy of this actor.
+    /// Returns the manifest of a policy with this actor.
     #[must_use]
     pub fn manifest(&self, packed: &PackedActor) -> Manifest<'_> {
         Manifest {

@@ -1,14 +1,13 @@
-//! Which layers of a state dict are the actor.
+//! Finds the actor's layers in a state dict.
 //!
-//! A PyTorch module names its linear layers by their place in it: `0.weight`,
-//! `actor.mu.2.weight`, `fc1.weight`. Layers of one module in their natural order
-//! are a row; a row from 3 inputs to 2 outputs, each layer fitting the next, could be
-//! the actor.
+//! A PyTorch module names its linear layers by their path: `0.weight`, `actor.mu.2.weight`,
+//! `fc1.weight`. The layers of one module in their natural order form a row. A row from 3
+//! inputs to 2 outputs, in which each layer fits the next, can be the actor.
 
 use super::ImportError;
 use leg_control::actor::{INPUTS, MAX_LAYERS, OUTPUTS};
 
-/// Most layers that an error lists.
+/// Largest number of layers that an error lists.
 const MOST_LISTED: usize = 12;
 
 /// A linear layer: `path.weight` of shape (outputs, inputs), and `path.bias`.
@@ -24,12 +23,12 @@ impl Linear {
         format!("{}.{kind}", self.path)
     }
 
-    /// The module that it is in, and its own name there.
+    /// Returns the path of its module, and its own name there.
     fn place(&self) -> (&str, &str) {
         self.path.rsplit_once('.').unwrap_or(("", &self.path))
     }
 
-    /// Sorts `2` before `10`, and `fc2` before `fc10`.
+    /// Returns a sort key that puts `2` before `10`, and `fc2` before `fc10`.
     fn order(&self) -> (&str, &str, usize, &str) {
         let (module, name) = self.place();
         let stem = name.trim_end_matches(|c: char| c.is_ascii_digit());
@@ -37,7 +36,7 @@ impl Linear {
     }
 }
 
-/// The linear layers among tensors of these names and shapes, in natural order.
+/// Returns the linear layers among tensors of these names and shapes, in natural order.
 pub(super) fn linears<'a>(tensors: impl Iterator<Item = (&'a str, &'a [usize])>) -> Vec<Linear> {
     let mut linears: Vec<Linear> = tensors
         .filter_map(|(name, shape)| match (name.strip_suffix(".weight"), shape) {
@@ -49,12 +48,12 @@ pub(super) fn linears<'a>(tensors: impl Iterator<Item = (&'a str, &'a [usize])>)
     linears
 }
 
-/// The layers that the user names, in this order.
+/// Returns the layers that the user names, in this order.
 pub(super) fn named(linears: &[Linear], paths: &[String]) -> Result<Vec<Linear>, ImportError> {
     let row = paths.iter().map(|path| {
         linears.iter().find(|l| l.path == *path).cloned().ok_or_else(|| {
             let found = format!("no \"{path}.weight\" of two dimensions");
-            ImportError::value("--layers", found, format!("some of {}", listed(linears)))
+            ImportError::value("layers", found, format!("some of {}", listed(linears)))
         })
     });
     let row: Vec<Linear> = row.collect::<Result<_, _>>()?;
@@ -62,10 +61,10 @@ pub(super) fn named(linears: &[Linear], paths: &[String]) -> Result<Vec<Linear>,
         return Ok(row);
     }
     let expected = format!("from {INPUTS} to {OUTPUTS}, each fitting the next");
-    Err(ImportError::value("--layers", listed(&row), expected))
+    Err(ImportError::value("layers", listed(&row), expected))
 }
 
-/// The row that is an actor, if there is but one.
+/// Returns the row that can be the actor, if there is exactly one.
 pub(super) fn only_actor(linears: &[Linear]) -> Result<Vec<Linear>, ImportError> {
     let mut rows: Vec<&[Linear]> =
         linears.chunk_by(|a, b| a.place().0 == b.place().0).filter(|row| is_actor(row)).collect();
@@ -74,7 +73,7 @@ pub(super) fn only_actor(linears: &[Linear]) -> Result<Vec<Linear>, ImportError>
         (None, _) => Err(ImportError::NoActor { found: listed(linears) }),
         (Some(last), false) => {
             rows.push(last);
-            Err(ImportError::Ambiguous { candidates: rows.into_iter().map(option).collect() })
+            Err(ImportError::Ambiguous { candidates: rows.into_iter().map(names_of).collect() })
         }
     }
 }
@@ -86,9 +85,9 @@ fn is_actor(row: &[Linear]) -> bool {
         && row.windows(2).all(|pair| pair[0].outputs == pair[1].inputs)
 }
 
-fn option(row: &[Linear]) -> String {
+fn names_of(row: &[Linear]) -> String {
     let paths: Vec<&str> = row.iter().map(|l| l.path.as_str()).collect();
-    format!("--layers {}", paths.join(",").escape_debug())
+    paths.join(",").escape_debug().to_string()
 }
 
 fn listed(linears: &[Linear]) -> String {
@@ -119,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sequential_is_found_by_order_and_not_by_spelling() {
+    fn finds_a_sequential_in_numerical_order_of_its_layers() {
         let found =
             names(&[("10.weight", [2, 6]), ("2.weight", [6, 5]), ("0.weight", [5, 3])], None);
         assert_eq!(found.unwrap(), ["0.bias", "2.bias", "10.bias"]);
@@ -131,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn the_actor_is_told_from_the_critic_but_not_from_its_target() {
+    fn finds_the_actor_beside_critics_but_asks_beside_its_target() {
         let critic = [("critic.0.weight", [9, 5]), ("critic.2.weight", [1, 9])];
         let actor = [("actor.mu.0.weight", [9, 3]), ("actor.mu.2.weight", [2, 9])];
         let target = [("actor_target.mu.0.weight", [9, 3]), ("actor_target.mu.2.weight", [2, 9])];
@@ -140,8 +139,8 @@ mod tests {
         let all = [critic, actor, target].concat();
         assert_eq!(
             names(&all, None).unwrap_err(),
-            "2 rows of layers could be the actor: --layers actor.mu.0,actor.mu.2 or \
-             --layers actor_target.mu.0,actor_target.mu.2; choose one"
+            "2 rows of layers could be the actor: actor.mu.0,actor.mu.2 or \
+             actor_target.mu.0,actor_target.mu.2"
         );
         let chosen = names(&all, Some("actor.mu.0,actor.mu.2"));
         assert_eq!(chosen.unwrap(), ["actor.mu.0.bias", "actor.mu.2.bias"]);
@@ -149,7 +148,7 @@ mod tests {
 
     #[test]
     fn layers_of_several_modules_can_be_named() {
-        // As an SB3 SAC policy has them.
+        // An SB3 SAC policy has these layers.
         let sac =
             [("latent_pi.0.weight", [7, 3]), ("mu.weight", [2, 7]), ("log_std.weight", [2, 7])];
         let error = names(&sac, None).unwrap_err();
@@ -157,11 +156,11 @@ mod tests {
         assert_eq!(names(&sac, Some("latent_pi.0,mu")).unwrap(), ["latent_pi.0.bias", "mu.bias"]);
         let error = names(&sac, Some("latent_pi.0,nu")).unwrap_err();
         assert!(
-            error.starts_with("--layers: no \"nu.weight\" of two dimensions, expected"),
+            error.starts_with("layers: no \"nu.weight\" of two dimensions, expected"),
             "{error}"
         );
         let error = names(&sac, Some("mu")).unwrap_err();
-        assert!(error.starts_with("--layers: mu (7 to 2), expected from 3 to 2"), "{error}");
+        assert!(error.starts_with("layers: mu (7 to 2), expected from 3 to 2"), "{error}");
         assert!(names(&[], None).unwrap_err().contains("it holds no linear layers"));
     }
 }

@@ -1,4 +1,4 @@
-//! `trainer bench`
+//! The command `trainer bench`.
 
 use super::output::print;
 use super::{Failure, IsaArgument, failed};
@@ -14,9 +14,9 @@ use rand_pcg::Pcg64;
 use serde::Serialize;
 use std::time::Instant;
 
-/// Updates or steps that are timed together.
+/// Number of updates or steps in a timed batch.
 const TOGETHER: usize = 20;
-/// Such batches.
+/// Number of timed batches.
 const BATCHES: usize = 500;
 
 #[derive(Debug, Args)]
@@ -24,12 +24,12 @@ pub(super) struct Arguments {
     /// Print one JSON object
     #[arg(long)]
     json: bool,
-    /// Instruction set to compute with
+    /// Instruction set to use
     #[arg(long, value_enum, default_value = "best")]
     isa: IsaArgument,
 }
 
-/// Quantiles over short batches.
+/// Quantiles of the mean time over short batches, us.
 #[derive(Serialize)]
 struct Quantiles {
     p10: f64,
@@ -41,11 +41,11 @@ struct Quantiles {
 struct Measurements {
     /// One update of both networks and targets of the paper's agent, batch 32.
     update_us: Quantiles,
-    /// The same with the preset `robust`: critic 100 wide, batch 64.
+    /// One update with the preset `robust`: critic 100 wide, batch 64.
     update_robust_us: Quantiles,
     /// One environment step: observation, hop, reward.
     env_step_us: Quantiles,
-    /// 20,000 steps of the preset `air`, each with its update: wall time.
+    /// Wall time of 20,000 steps of the preset `air`, each with its update.
     steps_20000_s: f64,
     isa: &'static str,
 }
@@ -90,7 +90,7 @@ fn measure(isa: Isa) -> Result<Measurements, DivergenceError> {
     })
 }
 
-/// On a replay buffer of 20,000 real transitions.
+/// Times updates on a replay buffer of 20,000 real transitions.
 fn updates(preset: Preset, isa: Isa) -> Result<Quantiles, DivergenceError> {
     let mut config = preset.config();
     config.learning.random_steps = 20_000;

@@ -1,4 +1,4 @@
-//! `trainer compare`
+//! The command `trainer compare`.
 
 use super::eval::{MOST_STARTS, SEED};
 use super::output::print;
@@ -14,31 +14,31 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Every start is run with both policies. Intervals are at 95 %: Wilson's for a share,
-Newcombe's (1998, method 10) for the difference of two, order statistics for a median,
-the normal one for a mean. p is that of McNemar's exact test, of the sign test, and of the
-normal test of the mean difference; a verdict takes the eight densities as one question
-(Holm), so that a false alarm is in one such table of twenty.
+Every start runs with both policies. The intervals are at 95 %: Wilson's for a share,
+Newcombe's (1998, method 10) for the difference of two shares, order statistics for a
+median, and the normal interval for a mean. The p-values are those of McNemar's exact test,
+of the sign test, and of the normal test of the mean difference. The verdicts are adjusted
+for the eight density ratios (Holm), so that one table in twenty has a false alarm.
 
-How many starts it takes: 0.998 against 0.997 surviving is seen with a chance of 0.8 from
-40,000 starts, or from 64,000 where only one density differs; fewer where the two fall from
-the same starts. 5,000 tell 0.998 from 0.9946.")]
+Number of starts: a survival of 0.998 against 0.997 is detected with probability 0.8 from
+40,000 starts, or from 64,000 where only one density ratio differs; from fewer where both
+fall from the same starts. 5,000 starts resolve 0.998 against 0.9946.")]
 pub(super) struct Arguments {
-    /// A policy file
+    /// First policy file, A
     a: PathBuf,
-    /// Another
+    /// Second policy file, B
     b: PathBuf,
     /// Print one JSON object instead of tables
     #[arg(long)]
     json: bool,
-    /// Random starts at each density, from 100 to 1000000
+    /// Number of random starts at each density ratio, from 100 to 1000000
     #[arg(
         long,
         default_value_t = 5000,
         value_parser = clap::value_parser!(u32).range(FEWEST as i64..=MOST_STARTS)
     )]
     starts: u32,
-    /// Seed of the starts
+    /// Seed of the random starts
     #[arg(long, default_value_t = SEED)]
     seed: u64,
 }
@@ -53,11 +53,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.json {
         return print(&comparison.to_json());
     }
-    let who = who('A', &arguments.a, &first) + &who('B', &arguments.b, &second);
+    let who = description('A', &arguments.a, &first) + &description('B', &arguments.b, &second);
     print(&(who + &tables(&comparison).map_err(failed)?))
 }
 
-fn who(letter: char, path: &Path, policy: &Policy<'_>) -> String {
+fn description(letter: char, path: &Path, policy: &Policy<'_>) -> String {
     let p = &policy.manifest().provenance;
     let (preset, seed, steps, crc) = (p.preset, p.seed, p.steps, policy.crc32());
     format!(
@@ -66,7 +66,7 @@ fn who(letter: char, path: &Path, policy: &Policy<'_>) -> String {
     )
 }
 
-/// How a metric is written.
+/// A metric and how its table prints it.
 struct MetricColumn {
     title: &'static str,
     digits: usize,
@@ -119,7 +119,7 @@ fn table(text: &mut String, metric: &MetricColumn, densities: &[AtDensity]) -> f
     let digits = metric.digits;
     let plain =
         |e: Estimate| format!("{:.digits$} [{:.digits$}, {:.digits$}]", e.value, e.low, e.high);
-    // Adding 0 takes the sign from -0.
+    // Adding 0 turns -0 into 0.
     let round = |x: f64| format!("{:+.digits$}", rounded(x, digits) + 0.0);
     let signed = |e: Estimate| format!("{} [{}, {}]", round(e.value), round(e.low), round(e.high));
     writeln!(
@@ -129,7 +129,7 @@ fn table(text: &mut String, metric: &MetricColumn, densities: &[AtDensity]) -> f
     )?;
     for d in densities {
         let Some(f) = (metric.of)(d) else {
-            writeln!(text, "{:>6}  too few survive to say", d.rho)?;
+            writeln!(text, "{:>6}  too few survivors", d.rho)?;
             continue;
         };
         let (a, b, difference) = (plain(f.a), plain(f.b), signed(f.difference));
@@ -145,7 +145,7 @@ fn rounded(x: f64, digits: usize) -> f64 {
     (x * scale).round() / scale
 }
 
-/// Nothing random in it: a difference is one.
+/// Writes the highest speeds, which are deterministic: every difference is real.
 fn speeds(text: &mut String, by_density: &[(f64, [f64; 2])]) -> fmt::Result {
     text.push_str("\nHighest speed, m/s (the same every time)\n   rho       A       B    B - A\n");
     for &(rho, [a, b]) in by_density {

@@ -1,4 +1,4 @@
-//! `trainer config`
+//! The command `trainer config`.
 
 use super::output::print;
 use super::{Failure, input};
@@ -17,31 +17,31 @@ pub(super) struct Arguments {
 #[derive(Debug, Subcommand)]
 enum What {
     /// Print a complete configuration as TOML, with a comment at every key
-    Show(Choice),
-    /// Check a configuration file: exit status 2 when it cannot be trained
+    Show(ConfigArguments),
+    /// Check a configuration file; exit status 2 when it cannot be trained
     Check {
-        /// The file
+        /// Configuration file
         file: PathBuf,
     },
 }
 
-/// A configuration: a preset or a file, with single figures changed.
+/// The configuration chosen by options: a preset or a file, with single parameters changed.
 #[derive(Clone, Debug, Args)]
-pub(super) struct Choice {
-    /// What to train, by name
+pub(super) struct ConfigArguments {
+    /// Preset to train
     #[arg(long)]
     preset: Option<Preset>,
-    /// What to train, by a TOML file; `trainer config show` prints one
+    /// TOML file with the configuration to train; `trainer config show` prints one
     #[arg(long, value_name = "FILE", conflicts_with = "preset")]
     config: Option<PathBuf>,
-    /// Change a figure, such as learning.batch=32 or stages.0.length.steps=1000;
-    /// can be given again
+    /// Change a parameter, such as learning.batch=32 or stages.0.length.steps=1000; repeatable
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
 }
 
-impl Choice {
-    /// What was chosen, or else changes to `otherwise`; not yet checked.
+impl ConfigArguments {
+    /// Returns the chosen configuration, unchecked. Without a preset or file, the changes apply
+    /// to `otherwise`.
     pub(super) fn config(&self, otherwise: Option<&Config>) -> Result<Config, Failure> {
         let config = match (&self.preset, &self.config, otherwise) {
             (Some(preset), ..) => preset.config(),
@@ -55,12 +55,12 @@ impl Choice {
         self.set.iter().try_fold(config, set).map_err(|e| input(anyhow!("--set {e}")))
     }
 
-    /// Whether there is a preset or a file.
-    pub(super) fn is_made(&self) -> bool {
+    /// Whether a preset or a file was chosen.
+    pub(super) fn is_given(&self) -> bool {
         self.preset.is_some() || self.config.is_some()
     }
 
-    /// The options given, to be named in an error.
+    /// Returns the options as given, for messages.
     pub(super) fn options(&self) -> String {
         let mut options = Vec::new();
         if let Some(preset) = self.preset {

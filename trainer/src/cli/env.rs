@@ -1,4 +1,4 @@
-//! `trainer env`
+//! The command `trainer env`.
 
 use super::{Failure, failed, input};
 use crate::environment::{Environment, Start};
@@ -10,24 +10,24 @@ use rand_pcg::Pcg64;
 use std::io::{BufRead, Write};
 
 const PROTOCOL: &str = "\
-Each line read is answered by one line, its values separated by blanks:
+The program answers each line by one line of values, separated by blanks:
   reset            VX Y RHO                  a new episode's first apex
   step ALPHA RS    VX Y RHO REWARD ENDED     the next apex, after this action
 VX is in m/s, Y in m, RHO the density ratio; ALPHA in rad and RS in m/s are clipped to
-what the leg can do. ENDED is `no`, `fall` when the episode is over for good (no next
-apex, given as 0 0, or one below 1 m), or `time` when it has had its most steps.
+the leg's range. ENDED is `no`, `fall` when the episode ended with a fall (no next
+apex, given as 0 0, or one below 1 m), or `time` after its largest number of steps.
 
 Starts, densities and rewards are those of the preset's last stage. The same seed and
-actions give the same lines. It ends with its input; status 2 for a line that is none
-of these. trainer/bridges/hopper_env.py makes a Gymnasium environment of it.";
+actions give the same lines. The program ends with its input; the exit status is 2 after
+a line of another form. trainer/bridges/hopper_env.py makes a Gymnasium environment of it.";
 
 #[derive(Debug, Args)]
 #[command(after_help = PROTOCOL)]
 pub(super) struct Arguments {
-    /// Whose starts, densities and rewards
+    /// Preset whose starts, density ratios and rewards to use
     #[arg(long, default_value = "robust")]
     preset: Preset,
-    /// Seed of everything random
+    /// Seed of all random numbers
     #[arg(long, default_value_t = 0)]
     seed: u64,
 }
@@ -59,7 +59,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
                 };
                 let action = [number(alpha)?, number(rs)?];
                 let (environment, steps) =
-                    underway.as_mut().ok_or_else(|| wrong("no episode under way; reset first"))?;
+                    underway.as_mut().ok_or_else(|| wrong("no episode has begun; reset first"))?;
                 let outcome = environment.act(action);
                 *steps += 1;
                 let ended = match outcome.ended {

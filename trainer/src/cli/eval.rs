@@ -1,4 +1,4 @@
-//! `trainer eval`
+//! The command `trainer eval`.
 
 use super::output::print;
 use super::{Failure, input};

@@ -1,4 +1,4 @@
-//! `trainer export`
+//! The command `trainer export`.
 
 use super::inspect::test_vectors;
 use super::output::{Target, print};
@@ -24,13 +24,13 @@ file, and `trainer import` makes the very policy of the first two again.";
 #[derive(Debug, Args)]
 #[command(after_help = FORMATS)]
 pub(super) struct Arguments {
-    /// The policy file; without it, the policy shipped with the program
+    /// Policy file; by default the policy that is shipped with the program
     #[arg(long)]
     policy: Option<PathBuf>,
-    /// What to write
+    /// Format of the file
     #[arg(long, value_enum)]
     to: Format,
-    /// The file to write
+    /// File to write
     file: PathBuf,
 }
 

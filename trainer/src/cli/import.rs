@@ -1,4 +1,4 @@
-//! `trainer import`
+//! The command `trainer import`.
 
 use super::output::{Target, print};
 use super::{Failure, failed, input};
@@ -16,24 +16,24 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// The layouts, in short; the documentation of `trainer::bridge` is the reference.
+/// Summary of the layouts; the documentation of `trainer::bridge` is the reference.
 const LAYOUT: &str = r#"A safetensors file holds linear layers, such as 0.weight (outputs, inputs) and 0.bias.
 The actor is the only module whose layers lead from 3 inputs to 2 outputs; where there
 are several, or its layers are in several modules, --layers names them in order. ReLU
-between the layers and tanh after the last are taken for granted.
+between the layers and tanh after the last are assumed.
 
 An ONNX file holds a graph from one input, rows of 3, to rows of 2: Gemm or MatMul and
-Add with Relu between, Tanh at the end, and what scales and clips before and after.
+Add with Relu between, Tanh at the end, and scalings and clips before and after.
 
 The inputs are vx (m/s), y (m) and density ratio rho; the network sees (input - offset)
 * scale. The outputs are the touchdown angle alpha (rad) and the elongation speed rs
-(m/s), clip(offset + scale * tanh(z), low, high). What a file does not say comes from
-the options, or else: inputs as they are; low and high pi/10 to pi/1.2 rad, 0 to 2 m/s;
-tanh from -1 to 1 spread from low to high, as SB3 does with the actions of a Box.
+(m/s), clip(offset + scale * tanh(z), low, high). The options give what the file does
+not state. The defaults are unscaled inputs, low and high of pi/10 to pi/1.2 rad and 0 to
+2 m/s, and tanh from -1 to 1 spread from low to high, as SB3 does for a Box action.
 
-Gains of the cascade: those of --ki and --feed-forward; else those of the policy that
-the file was exported from, if it is still the same; else they are searched for, as
-`trainer train` does, in some ten seconds.
+The gains of the cascade are those of --ki and --feed-forward; else those of the policy
+that the file was exported from, if its actor is unchanged; else they are searched, as by
+`trainer train`, in some ten seconds.
 
 The JSON layout:
   {"hidden_activation": "relu",
@@ -42,14 +42,14 @@ The JSON layout:
    "layers": [{"weights": [[...], ...], "bias": [...]}, ...],
    "test_vectors": [{"observation": [vx, y, rho], "action": [alpha, rs]}, ...]}
 
-Weights are row by output. Test vectors may be absent; where they are there, the
-imported actor must give their actions within 1e-5."#;
-/// Longest name of a policy, bytes: what is printed of it stays on one line.
+Weights are row by output. Test vectors are optional; the imported actor must reproduce
+their actions within 1e-5."#;
+/// Longest name of a policy, bytes, so that a printed name stays on one line.
 const MOST_NAME_BYTES: usize = 64;
-/// Largest file that is read, bytes: an actor has 135 kB at most, in double precision
-/// twice that, and may come with its critics and optimisers.
+/// Largest file that is read, bytes. An actor has at most 135 kB, twice that in double
+/// precision, and may come with its critics and optimisers.
 const MOST_BYTES: u64 = 64 << 20;
-/// Integral gain at every density where only the feed-forward is given.
+/// Integral gain at every density ratio where only the feed-forward is given.
 const KI: f32 = 0.05;
 
 #[derive(Debug, Args)]
@@ -57,61 +57,61 @@ const KI: f32 = 0.05;
 pub(super) struct Arguments {
     #[command(flatten)]
     source: Source,
-    /// The policy file to write
+    /// Policy file to write
     #[arg(long)]
     out: PathBuf,
-    /// Its name, at most 64 bytes; by default the file's
+    /// Name of the policy, at most 64 bytes [default: the file's name]
     #[arg(long)]
     name: Option<String>,
-    /// Layers of a safetensors file in their order, such as mu.0,mu.2,mu.4
+    /// Layers of a safetensors file in order, such as mu.0,mu.2,mu.4
     #[arg(long, value_delimiter = ',', conflicts_with_all = ["onnx", "json"])]
     layers: Option<Vec<String>>,
-    /// Subtracted from the inputs: m/s, m, ratio
+    /// Offset that is subtracted from the inputs: m/s, m, ratio
     #[arg(long, value_name = "VX,Y,RHO", value_parser = numbers::<3>, allow_hyphen_values = true)]
-    observation_offset: Option<Figures<3>>,
-    /// Then multiplied with them
+    observation_offset: Option<Numbers<3>>,
+    /// Scale that the inputs are then multiplied by
     #[arg(long, value_name = "VX,Y,RHO", value_parser = numbers::<3>, allow_hyphen_values = true)]
-    observation_scale: Option<Figures<3>>,
-    /// Added to the scaled tanh: rad, m/s
+    observation_scale: Option<Numbers<3>>,
+    /// Offset that is added to the scaled tanh: rad, m/s
     #[arg(long, value_name = "ALPHA,RS", value_parser = numbers::<2>, allow_hyphen_values = true)]
-    action_offset: Option<Figures<2>>,
-    /// Multiplied with the tanh: rad, m/s
+    action_offset: Option<Numbers<2>>,
+    /// Scale of the tanh: rad, m/s
     #[arg(long, value_name = "ALPHA,RS", value_parser = numbers::<2>, allow_hyphen_values = true)]
-    action_scale: Option<Figures<2>>,
+    action_scale: Option<Numbers<2>>,
     /// Lowest action: rad, m/s
     #[arg(long, value_name = "ALPHA,RS", value_parser = numbers::<2>, allow_hyphen_values = true)]
-    action_low: Option<Figures<2>>,
+    action_low: Option<Numbers<2>>,
     /// Highest action: rad, m/s
     #[arg(long, value_name = "ALPHA,RS", value_parser = numbers::<2>, allow_hyphen_values = true)]
-    action_high: Option<Figures<2>>,
-    /// Integral gain of the velocity cascade, at every density [with --feed-forward: 0.05]
+    action_high: Option<Numbers<2>>,
+    /// Integral gain of the velocity cascade at every density ratio [with --feed-forward: 0.05]
     #[arg(long, value_parser = value_parser!(f32))]
     ki: Option<f32>,
-    /// Feed-forward of the set speed, at every density [with --ki: 0]
+    /// Feed-forward of the set-point at every density ratio [with --ki: 0]
     #[arg(long, value_parser = value_parser!(f32))]
     feed_forward: Option<f32>,
 }
 
-/// Where the actor comes from: one of these.
+/// The source of the actor; exactly one is given.
 #[derive(Debug, Args)]
 #[group(required = true, multiple = false)]
 struct Source {
-    /// The actor as a safetensors file
+    /// Safetensors file to import
     #[arg(long, value_name = "FILE")]
     safetensors: Option<PathBuf>,
-    /// The actor as an ONNX file
+    /// ONNX file to import
     #[arg(long, value_name = "FILE")]
     onnx: Option<PathBuf>,
-    /// The actor in JSON, in the layout below
+    /// JSON file to import, in the layout below
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// So many numbers, separated by commas.
+/// `N` numbers, separated by commas.
 #[derive(Clone, Copy, Debug)]
-struct Figures<const N: usize>([f32; N]);
+struct Numbers<const N: usize>([f32; N]);
 
-fn numbers<const N: usize>(text: &str) -> Result<Figures<N>, String> {
+fn numbers<const N: usize>(text: &str) -> Result<Numbers<N>, String> {
     let number = |part: &str| {
         let finite = part.trim().parse().ok().filter(|x: &f32| x.is_finite());
         finite.ok_or_else(|| format!("'{part}' is not a finite number"))
@@ -120,7 +120,7 @@ fn numbers<const N: usize>(text: &str) -> Result<Figures<N>, String> {
     let count = numbers.len();
     let numbers =
         numbers.try_into().map_err(|_| format!("{count} numbers, expected {N}, by commas"))?;
-    Ok(Figures(numbers))
+    Ok(Numbers(numbers))
 }
 
 impl Arguments {
@@ -141,7 +141,8 @@ impl Arguments {
         }
     }
 
-    fn draft(&self, bytes: &[u8]) -> Result<ImportedActor, ImportError> {
+    /// Reads the actor from the content of the source.
+    fn imported_actor(&self, bytes: &[u8]) -> Result<ImportedActor, ImportError> {
         match &self.source {
             Source { safetensors: Some(_), .. } => {
                 safetensors::import(bytes, self.layers.as_deref())
@@ -154,7 +155,7 @@ impl Arguments {
         }
     }
 
-    /// Gains that hold at every density, if the user gives some.
+    /// Returns the gains of the options, which hold at every density ratio; `None` without any.
     fn gains(&self) -> Option<Vec<GainPoint>> {
         (self.ki.is_some() || self.feed_forward.is_some()).then(|| {
             vec![GainPoint {
@@ -173,24 +174,24 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let path = arguments.path();
     let name = |stem: &str| check_name(arguments.name.as_deref().unwrap_or(stem));
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    let said = || path.display().to_string();
+    let file = || path.display().to_string();
     let bytes = read(path)?;
-    let imported = arguments.draft(&bytes).and_then(|d| d.complete(&arguments.given()));
-    let imported = imported.with_context(said).map_err(input)?;
+    let imported =
+        arguments.imported_actor(&bytes).and_then(|actor| actor.complete(&arguments.given()));
+    let imported = imported.map_err(hinted).with_context(file).map_err(input)?;
     let target = Target { path: &arguments.out, option: "--out" };
-    // Before the search, not after it: whether there is anywhere to write to, and
-    // whether the controller will take it.
+    // Before the search: the output must be writable, and the controller must accept the actor.
     drop(target.begin()?);
     let (policy, gains) = if let Some(mut card) = imported.card.clone() {
         card.name = name(&card.name)?;
         if let Some(gains) = arguments.gains() {
             card.gains = gains;
         }
-        let manifest = card.manifest(&imported.packed);
+        let manifest = card.manifest(&imported.actor);
         let gains = if arguments.gains().is_some() { "given" } else { "the policy's own" };
         (
-            blob_with_manifest(&manifest, &imported.packed.weights)
-                .with_context(said)
+            blob_with_manifest(&manifest, &imported.actor.weights)
+                .with_context(file)
                 .map_err(input)?,
             gains,
         )
@@ -198,7 +199,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let name = name(&stem)?;
         let given = arguments.gains();
         let any = given.clone().unwrap_or_else(|| vec![GainPoint::default()]);
-        let checked = foreign(&imported, &name, &any).with_context(said).map_err(input)?;
+        let checked = foreign(&imported, &name, &any).with_context(file).map_err(input)?;
         if given.is_some() {
             (checked, "given")
         } else {
@@ -210,13 +211,28 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     report(arguments, &imported, &policy, gains)
 }
 
-/// A policy whose making we know nothing of.
+/// Adds the options that help to an error.
+fn hinted(error: ImportError) -> anyhow::Error {
+    match &error {
+        ImportError::Stated { name } => {
+            let option = name.replace(' ', "-");
+            anyhow!("{error}; leave --{option} out")
+        }
+        ImportError::NoActor { .. } => {
+            anyhow!("{error}; name the layers in order, such as --layers fc1,fc2,mu")
+        }
+        ImportError::Ambiguous { .. } => anyhow!("{error}; choose one with --layers"),
+        _ => error.into(),
+    }
+}
+
+/// Writes a policy of unknown origin.
 fn foreign(
     imported: &CompleteActor,
     name: &str,
     gains: &[GainPoint],
 ) -> Result<AlignedBytes, ImportError> {
-    let about = PolicyInfo {
+    let info = PolicyInfo {
         name,
         preset: "import",
         seed: 0,
@@ -225,16 +241,16 @@ fn foreign(
         config: "",
         gains,
     };
-    Ok(blob(&imported.packed, &about)?)
+    Ok(blob(&imported.actor, &info)?)
 }
 
-/// Searches for gains, with a word of it on a terminal.
+/// Searches the gains, with a spinner on a terminal.
 fn searched(imported: &CompleteActor) -> Vec<GainPoint> {
     let style = ProgressStyle::with_template("{spinner} {msg}  {elapsed}").expect("a template");
     let spinner = ProgressBar::new_spinner().with_style(style);
     spinner.set_message("searching the cascade's gains…");
     spinner.enable_steady_tick(Duration::from_millis(200));
-    let gains = search(&imported.packed.actor());
+    let gains = search(&imported.actor.actor());
     spinner.finish_and_clear();
     gains
 }
@@ -246,7 +262,7 @@ fn report(
     gains: &str,
 ) -> Result<(), Failure> {
     let crc32 = Policy::parse(policy.as_slice()).map_err(failed)?.crc32();
-    let widths: Vec<String> = imported.packed.widths.iter().map(ToString::to_string).collect();
+    let widths: Vec<String> = imported.actor.widths.iter().map(ToString::to_string).collect();
     let mut text = format!(
         "{}: {} from {}, {} bytes, CRC-32 {crc32:08x}; gains {gains}",
         arguments.out.display(),
@@ -255,7 +271,7 @@ fn report(
         policy.as_slice().len()
     );
     if !imported.assumed.is_empty() {
-        text += "\nTaken for granted: ";
+        text += "\nAssumed: ";
         text += &imported.assumed.join("; ");
     }
     print(&text)
@@ -272,15 +288,15 @@ fn check_name(name: &str) -> Result<String, Failure> {
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, Failure> {
-    let said = || path.display().to_string();
+    let file = || path.display().to_string();
     let mut bytes = Vec::new();
     File::open(path)
         .and_then(|file| file.take(MOST_BYTES + 1).read_to_end(&mut bytes))
-        .with_context(said)
+        .with_context(file)
         .map_err(input)?;
     if bytes.len() as u64 > MOST_BYTES {
         let error = anyhow!("more than {MOST_BYTES} bytes, which no actor needs; save it alone");
-        return Err(input(error.context(said())));
+        return Err(input(error.context(file())));
     }
     Ok(bytes)
 }

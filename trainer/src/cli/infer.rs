@@ -1,4 +1,4 @@
-//! `trainer infer`
+//! The command `trainer infer`.
 
 use super::output::Target;
 use super::{Failure, failed, input};
@@ -13,14 +13,14 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
-    /// The policy file
+    /// Policy file
     #[arg(long)]
     policy: PathBuf,
     /// CSV file with columns vx (m/s), y (m) and rho; - for the standard input
     #[arg(long)]
     input: PathBuf,
-    /// CSV file to write: the same columns, then alpha (rad) and rs (m/s); - for the
-    /// standard output, as without this option
+    /// CSV file to write, with the same columns, then alpha (rad) and rs (m/s) [default: -, the
+    /// standard output]
     #[arg(long)]
     output: Option<PathBuf>,
 }
@@ -36,7 +36,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         std::fs::read(from)
     };
     let source = source.with_context(|| from.display().to_string()).map_err(input)?;
-    // Converted as a whole first: of an input with a bad row, nothing is written.
+    // The whole input is converted first, so that nothing is written if a row is bad.
     let actions = infer(&policy, &source, from)?;
     match arguments.output.as_deref() {
         Some(path) if path != Path::new("-") => Target { path, option: "--output" }.write(&actions),
@@ -84,7 +84,7 @@ fn infer(policy: &Policy<'_>, source: &[u8], from: &Path) -> Result<Vec<u8>, Fai
         }
         if record.len() > headers.len() {
             return Err(input(anyhow!(
-                "{name}, line {}: {} values, but the first line names {}; take out what is too many",
+                "{name}, line {}: {} values, but the first line names {}; remove the rest",
                 line(),
                 record.len(),
                 headers.len()

@@ -1,4 +1,4 @@
-//! `trainer inspect`
+//! The command `trainer inspect`.
 
 use super::output::print;
 use super::{Failure, failed, input};
@@ -10,7 +10,7 @@ use std::path::PathBuf;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
-    /// The policy file
+    /// Policy file
     policy: PathBuf,
 }
 
@@ -22,8 +22,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     print(text.trim_end())
 }
 
-/// Those of a blob that has passed its checks, read as the format in the
-/// documentation of [`leg_control::policy`] has them.
+/// Returns the test vectors of a blob that has passed its checks, in the format of
+/// [`leg_control::policy`].
 pub(super) fn test_vectors(blob: &[u8]) -> postcard::Result<Vec<TestVector>> {
     let body = blob.get(PREAMBLE_LEN..).unwrap_or_default();
     let (_, rest) = postcard::take_from_bytes::<Manifest<'_>>(body)?;
@@ -42,7 +42,7 @@ fn describe(
     let weights = policy.actor().weights().len();
     writeln!(t, "name               {}", m.name)?;
     writeln!(t, "size               {bytes} bytes, CRC-32 {:08x}, checks passed", policy.crc32())?;
-    // The only one that passes the checks.
+    // Only one version passes the checks.
     writeln!(t, "format version     {FORMAT_VERSION}")?;
     writeln!(t, "network            {} ReLU, tanh; {weights} weights, f32", widths.join("-"))?;
     writeln!(t, "inputs             (observation - offset) * scale of vx m/s, y m, density ratio")?;

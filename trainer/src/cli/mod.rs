@@ -1,5 +1,5 @@
-//! The command line: exit status 0, 1 when something failed, 2 when what was
-//! given cannot be used.
+//! The command line. The exit status is 0, 1 after a failure, and 2 when the input cannot be
+//! used.
 
 mod bench;
 mod compare;
@@ -39,47 +39,47 @@ enum Command {
     Eval(eval::Arguments),
     /// Compare two policies from the same starts, with confidence intervals
     Compare(compare::Arguments),
-    /// Print everything that a policy file says
+    /// Print everything that a policy file states
     Inspect(inspect::Arguments),
-    /// Actions for observations in a CSV file
+    /// Compute the actions for observations in a CSV file
     Infer(infer::Arguments),
-    /// Make a policy file from an actor trained elsewhere: safetensors, ONNX, JSON
+    /// Convert an actor trained elsewhere (safetensors, ONNX, JSON) to a policy file
     Import(import::Arguments),
     /// Draw learning curves from the logs of trainings, as SVG
     Plot(plot::Arguments),
     /// Write a policy's actor as safetensors, ONNX or C
     Export(export::Arguments),
-    /// Be the environment of another program's training, line by line
+    /// Serve the training environment to another program, line by line
     Env(env::Arguments),
     /// Measure the speed of training
     Bench(bench::Arguments),
 }
 
-/// Why a command ends early.
+/// The reason why a command fails.
 #[derive(Debug)]
 pub(crate) enum Failure {
-    /// What was given cannot be used: exit status 2.
+    /// The input cannot be used: exit status 2.
     Input(anyhow::Error),
-    /// It went wrong all the same: exit status 1.
+    /// The command failed: exit status 1.
     Run(anyhow::Error),
 }
 
-/// Shorthand for what the user gave.
+/// Makes a failure of input that cannot be used.
 pub(crate) fn input(error: impl Into<anyhow::Error>) -> Failure {
     Failure::Input(error.into())
 }
 
-/// Shorthand for what went wrong.
+/// Makes a failure of the command.
 pub(crate) fn failed(error: impl Into<anyhow::Error>) -> Failure {
     Failure::Run(error.into())
 }
 
-/// An instruction set on the command line.
+/// An instruction set, as an option.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum IsaArgument {
-    /// The best that this CPU has
+    /// The best one of this CPU
     Best,
-    /// What every CPU of this architecture has
+    /// The baseline of this architecture
     Baseline,
     Avx2,
     Avx512,
@@ -101,7 +101,7 @@ impl IsaArgument {
     }
 }
 
-/// Runs the command line of this process.
+/// Runs the command line of this process and returns its exit status.
 #[must_use]
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
@@ -124,7 +124,7 @@ pub fn main() -> ExitCode {
         Err(Failure::Input(error)) => (error, 2),
         Err(Failure::Run(error)) => (error, 1),
     };
-    // A reader that has seen enough, such as `head`, is no failure.
+    // A reader that has closed the pipe, such as `head`, is not a failure.
     let broken_pipe = error
         .downcast_ref::<std::io::Error>()
         .is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe);

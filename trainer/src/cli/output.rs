@@ -1,4 +1,4 @@
-//! Files that appear whole or not at all, and the standard output.
+//! Output files, which appear complete or not at all, and the standard output.
 
 use super::{Failure, failed};
 use anyhow::anyhow;
@@ -13,18 +13,18 @@ pub(crate) struct Target<'a> {
 }
 
 impl Target<'_> {
-    /// Says which file could not be written, and what to do.
+    /// Makes the failure of a file that cannot be written.
     pub(crate) fn unwritten(&self, error: &std::io::Error) -> Failure {
         let (path, option) = (self.path.display(), self.option);
         failed(anyhow!("{path}: cannot be written: {error}; name another place with {option}"))
     }
 
-    /// Begins a file, which gets its name when it is finished.
+    /// Creates the file; it gets its name when it is finished.
     pub(crate) fn begin(&self) -> Result<AtomicFile, Failure> {
         AtomicFile::create(self.path).map_err(|e| self.unwritten(&e))
     }
 
-    /// Writes a whole file.
+    /// Writes the complete file.
     pub(crate) fn write(&self, content: &[u8]) -> Result<(), Failure> {
         atomic_file::write(self.path, content).map_err(|e| self.unwritten(&e))
     }

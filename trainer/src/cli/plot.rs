@@ -1,4 +1,4 @@
-//! `trainer plot`
+//! The command `trainer plot`.
 
 use super::output::{Target, print};
 use super::{Failure, failed, input};
@@ -23,26 +23,25 @@ The paper's learning curves, from eight seeds of each:
   trainer plot water-first='runs/w2a-*.csv' air='runs/air-*.csv' \\
       --by episodes --zero last-stage --out curves.svg")]
 pub(super) struct Arguments {
-    /// What to draw: a log that `trainer train` wrote, a policy file with its log beside
-    /// it, a folder with logs in it at any depth, or a pattern such as 'runs/air-*.csv'.
-    /// Each is a curve of its own, named after the file; those under the same LABEL, and
-    /// those of one folder or pattern, are one
+    /// Runs to draw: a log of `trainer train`, a policy file with its log beside it, a folder
+    /// with logs at any depth, or a pattern such as 'runs/air-*.csv'. Each log is a curve,
+    /// named after the file; logs of the same LABEL, folder or pattern are one curve
     #[arg(value_name = "[LABEL=]RUN", required = true)]
     runs: Vec<String>,
-    /// The SVG file to write
+    /// SVG file to write
     #[arg(long)]
     out: PathBuf,
-    /// What to draw over
+    /// Unit of the horizontal axis
     #[arg(long, value_enum, default_value = "steps")]
     by: By,
-    /// Where zero lies
+    /// Position of zero on the horizontal axis
     #[arg(long, value_enum, default_value = "start")]
     zero: Zero,
-    /// Width of the smoothing, in steps or episodes as drawn [default: a round number,
-    /// about a fiftieth of what there is to draw]
+    /// Width of the smoothing window, in the unit of the axis [default: a round number, about
+    /// a fiftieth of the axis]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     window: Option<u32>,
-    /// Steps of a full episode [default: of the longest of each curve]
+    /// Number of steps of a full episode [default: that of the longest of each curve]
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     full_steps: Option<u64>,
 }
@@ -60,17 +59,17 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(empty) = curves.iter().find(|c| c.stretches.is_empty()) {
         let (label, window, unit) = (&empty.label, grouped(how.window), how.by.unit());
         return Err(input(anyhow!(
-            "{label}: nothing to draw: no place with half a window of {window} {unit} in every \
-             run; give a smaller --window, or longer runs"
+            "{label}: nothing to draw: no place has half a window of {window} {unit} in every run; \
+             give a smaller --window, or longer runs"
         )));
     }
     let svg = draw(&curves, &how, x_range)
-        .map_err(|e| failed(anyhow!("the picture cannot be laid out: {e}")))?;
+        .map_err(|e| failed(anyhow!("cannot draw the curves: {e}")))?;
     Target { path: &arguments.out, option: "--out" }.write(svg.as_bytes())?;
     print(&summary(&curves, &how, &arguments.out))
 }
 
-/// Where each curve ends.
+/// Returns a table of the last values of each curve.
 fn summary(curves: &[Curve], how: &Smoothing, out: &Path) -> String {
     let (window, unit) = (grouped(how.window), how.by.unit());
     let widest = curves.iter().map(|c| c.label.chars().count()).max().unwrap_or(0).max(5);
@@ -98,7 +97,7 @@ fn summary(curves: &[Curve], how: &Smoothing, out: &Path) -> String {
     text
 }
 
-/// Reads every run, under its label, in the order of the command line.
+/// Reads every run, grouped by label, in the order of the arguments.
 fn groups(arguments: &[String]) -> Result<Vec<Group>, Failure> {
     let mut found: Vec<(String, Vec<PathBuf>)> = Vec::new();
     for argument in arguments {
@@ -126,7 +125,7 @@ fn groups(arguments: &[String]) -> Result<Vec<Group>, Failure> {
 }
 
 fn group(label: String, mut paths: Vec<PathBuf>) -> Result<Group, Failure> {
-    // The same log counts once, by whatever name.
+    // A log counts once, even under several names.
     let place = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
     paths.sort_by_cached_key(place);
     paths.dedup_by_key(|path| place(path));
@@ -134,7 +133,7 @@ fn group(label: String, mut paths: Vec<PathBuf>) -> Result<Group, Failure> {
     Ok(Group { label, runs })
 }
 
-/// Label and place. A file may have a `=` in its name.
+/// Splits an argument into label and path. The name of an existing file may contain `=`.
 fn split(argument: &str) -> Result<(Option<&str>, &str), Failure> {
     match argument.split_once('=') {
         Some((label, place)) if !Path::new(argument).exists() => {
@@ -147,15 +146,15 @@ fn split(argument: &str) -> Result<(Option<&str>, &str), Failure> {
     }
 }
 
-/// What to call runs that have no label.
+/// Returns the name of runs without a label.
 fn name(place: &str) -> String {
-    // A folder such as `.` has its name elsewhere.
+    // A folder such as `.` has its name only in its canonical path.
     let folder = Path::new(place).canonicalize().ok().filter(|path| path.is_dir());
     let stem = folder.as_deref().map_or(Path::new(place).file_stem(), Path::file_name);
     stem.map_or_else(|| place.to_owned(), |stem| stem.to_string_lossy().into_owned())
 }
 
-/// The logs that a place leads to, at least one.
+/// Returns the logs of a file, folder or pattern; at least one.
 fn logs(place: &str) -> Result<Vec<PathBuf>, Failure> {
     let path = Path::new(place);
     if path.is_dir() {
@@ -178,7 +177,7 @@ fn logs(place: &str) -> Result<Vec<PathBuf>, Failure> {
     Ok(vec![log_of(path)?])
 }
 
-/// A log by its own name or by its policy's.
+/// Returns the path of a log, given by its own name or by its policy's.
 fn log_of(path: &Path) -> Result<PathBuf, Failure> {
     if path.extension().is_none_or(|end| end != "bin") {
         return Ok(path.to_owned());
@@ -188,7 +187,7 @@ fn log_of(path: &Path) -> Result<PathBuf, Failure> {
         return Ok(log);
     }
     let (path, log) = (path.display(), log.display());
-    Err(input(anyhow!("{path}: its log, {log}, is not there; name the log itself")))
+    Err(input(anyhow!("{path}: its log {log} does not exist; name the log itself")))
 }
 
 fn matches(pattern: &str) -> Result<Vec<PathBuf>, Failure> {

@@ -1,6 +1,6 @@
-//! `trainer study`
+//! The command `trainer study`.
 
-use super::config::Choice;
+use super::config::ConfigArguments;
 use super::eval::{MOST_STARTS, SEED};
 use super::output::print;
 use super::{Failure, failed, input};
@@ -20,9 +20,9 @@ use std::path::PathBuf;
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant};
 
-/// The progress bar counts in thousandths of a seed.
+/// Steps of the progress bar for each seed.
 const BAR: f64 = 1000.0;
-/// Most seeds at a time.
+/// Largest number of seeds in parallel.
 const MOST_JOBS: i64 = 1024;
 
 #[derive(Debug, Args)]
@@ -30,16 +30,16 @@ const MOST_JOBS: i64 = 1024;
 pub(super) struct Arguments {
     #[command(subcommand)]
     command: Option<Command>,
-    // Not within `Study`: an optional group cannot hold another.
+    // Not within `Study`: clap does not nest an optional group in another.
     #[command(flatten)]
-    choice: Choice,
+    choice: ConfigArguments,
     #[command(flatten)]
     study: Option<Study>,
 }
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Join the folders of shards; writes the summary that one machine would have
+    /// Merge the folders of shards and write the summary, as one machine would have
     Merge(Merge),
 }
 
@@ -48,30 +48,30 @@ struct Merge {
     /// Folders of the study's shards
     #[arg(required = true)]
     folders: Vec<PathBuf>,
-    /// The folder to join them in; it may be one of them
+    /// Folder for the merged study; it may be one of the shards
     #[arg(long)]
     out: PathBuf,
 }
 
 #[derive(Debug, Args)]
 struct Study {
-    /// Seeds, from the first to before the end, such as 0..20
+    /// Range of seeds, from the first to before the last, such as 0..20
     #[arg(long)]
     seeds: Seeds,
-    /// The study's folder; one that was begun is gone on with
+    /// Folder of the study; an existing study is continued
     #[arg(long)]
     out: PathBuf,
-    /// Seeds at a time, each on one thread
+    /// Number of seeds to train in parallel, each on one thread
     #[arg(long, default_value = "1", value_parser = clap::value_parser!(u16).range(1..=MOST_JOBS))]
     jobs: u16,
-    /// The seeds of one of N shards only: I/N, from 1/N to N/N; auto takes it from a
+    /// Train the seeds of one shard only: I/N is the I-th of N; auto takes the shard from a
     /// Slurm job array, auto/N from an indexed job of Kubernetes with N completions
     #[arg(long, value_name = "I/N|auto|auto/N")]
     shard: Option<Request>,
     /// Length of the last stage in environment steps, instead of the configuration's
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     steps: Option<u64>,
-    /// Starts at each density and in each condition of an evaluation
+    /// Number of random starts of an evaluation, at each density ratio and in each condition
     #[arg(
         long,
         default_value_t = 5000,
@@ -81,7 +81,7 @@ struct Study {
 }
 
 impl Study {
-    fn config(&self, choice: &Choice) -> Result<Config, Failure> {
+    fn config(&self, choice: &ConfigArguments) -> Result<Config, Failure> {
         let mut config = choice.config(None)?;
         if let (Some(n), Some(last)) = (self.steps, config.stages.last_mut()) {
             last.length = Length::Steps(n);
@@ -93,13 +93,13 @@ impl Study {
 
     fn shard(&self) -> Result<Shard, Failure> {
         let request = self.shard.unwrap_or(Request::Named(Shard::ALL));
-        // What is no Unicode is no number either.
+        // A value that is not Unicode is not a number either.
         let variable =
             |name: &str| std::env::var_os(name).map(|v| v.to_string_lossy().into_owned());
         request.resolve(variable).context("--shard").map_err(input)
     }
 
-    fn run(&self, choice: &Choice) -> Result<(), Failure> {
+    fn run(&self, choice: &ConfigArguments) -> Result<(), Failure> {
         let shard = self.shard()?;
         let plan = Plan::new(self.config(choice)?, self.seeds, self.eval_starts, SEED);
         let folder = Folder::begin(&self.out, plan).map_err(refused)?;
@@ -111,7 +111,7 @@ impl Study {
         }
         let all = shard.of(self.seeds).count();
         if missing.len() < all {
-            eprintln!("{} of {all} seeds are done already.", all - missing.len());
+            eprintln!("{} of {all} seeds are already complete.", all - missing.len());
         }
         if !missing.is_empty() {
             let jobs = NonZeroUsize::new(usize::from(self.jobs)).unwrap_or(NonZeroUsize::MIN);
@@ -132,7 +132,7 @@ impl Study {
     }
 }
 
-/// Which exit status an error deserves.
+/// Returns the failure of an error, which determines the exit status.
 fn refused(error: StudyError) -> Failure {
     match error {
         StudyError::File { .. } => failed(error),
@@ -140,7 +140,7 @@ fn refused(error: StudyError) -> Failure {
     }
 }
 
-/// Trains and evaluates seeds, and keeps what they come to.
+/// Trains and evaluates seeds, and saves their results.
 fn train(folder: &Folder, seeds: Vec<u64>, jobs: NonZeroUsize) -> Result<(), Failure> {
     let stop = Stop::on_signals().context("signals").map_err(failed)?;
     let (all, began) = (seeds.len(), Instant::now());
@@ -150,18 +150,18 @@ fn train(folder: &Folder, seeds: Vec<u64>, jobs: NonZeroUsize) -> Result<(), Fai
     while done < all && !stop.is_raised() {
         match work.done.recv_timeout(Duration::from_millis(100)) {
             Ok(run) => {
-                // Here, and not on the job's thread, which a signal may end at any time.
-                let report = folder.keep(&run).map_err(refused)?;
+                // Saved here and not on the job's thread, which a signal may end at any time.
+                let report = folder.save(&run).map_err(refused)?;
                 done += 1;
                 let to_go = began.elapsed().mul_f64((all - done) as f64 / done as f64);
-                let line = told(&report);
+                let line = seed_line(&report);
                 bar.suspend(|| {
                     eprintln!("{line}  [{done} of {all}, {} to go]", HumanDuration(to_go));
                 });
             }
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => {
-                return Err(failed(anyhow!("a job ended early; the same command goes on")));
+                return Err(failed(anyhow!("a job ended early; the same command continues")));
             }
         }
         bar.set_message(format!("{done} of {all} seeds"));
@@ -170,14 +170,14 @@ fn train(folder: &Folder, seeds: Vec<u64>, jobs: NonZeroUsize) -> Result<(), Fai
     bar.finish_and_clear();
     if done < all {
         return Err(failed(anyhow!(
-            "stopped by a signal with {done} of {all} seeds done; the same command goes on"
+            "stopped by a signal after {done} of {all} seeds; the same command continues"
         )));
     }
     Ok(())
 }
 
-/// A seed's result in a line.
-fn told(report: &SeedReport) -> String {
+/// Formats a seed's result as one line.
+fn seed_line(report: &SeedReport) -> String {
     use crate::evaluate::DENSITIES;
     use crate::evaluate::goals::robust;
     use crate::evaluate::metric::Metric;
@@ -199,7 +199,7 @@ fn told(report: &SeedReport) -> String {
     )
 }
 
-/// Writes the summary, and prints it.
+/// Writes and prints the summary.
 fn summarise(folder: &Folder, reports: Vec<SeedReport>) -> Result<(), Failure> {
     let summary = Summary::new(folder.plan().clone(), reports);
     let svg =
@@ -215,7 +215,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
             let merged = merge::merge(folders, out).map_err(refused)?;
             if !merged.duplicates.is_empty() {
                 let seeds = list(&merged.duplicates);
-                eprintln!("In more than one folder, the same in each, and counted once: {seeds}.");
+                eprintln!(
+                    "These seeds are in more than one folder, with the same results: {seeds}."
+                );
             }
             let (reports, _) = merged.folder.reports().map_err(refused)?;
             summarise(&merged.folder, reports)
@@ -225,7 +227,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-/// On a terminal only: elsewhere it draws nothing.
+/// Creates the progress bar. It draws nothing where there is no terminal.
 fn progress_bar(seeds: usize) -> ProgressBar {
     let style = ProgressStyle::with_template("{bar:40} {msg}  {elapsed}, {eta} to go")
         .expect("a valid template");

@@ -1,13 +1,13 @@
-//! `trainer train`
+//! The command `trainer train`.
 
-use super::config::Choice;
+use super::config::ConfigArguments;
 use super::eval::{MOST_STARTS, SEED, text};
 use super::output::{Target, print};
 use super::{Failure, IsaArgument, failed, input};
 use crate::config::{Config, Length};
 use crate::evaluate::report::Report;
 use crate::run::checkpoint::{self, Checkpoint};
-use crate::run::error::RunError;
+use crate::run::error::{Purpose, RunError};
 use crate::run::{Run, RunEnd, RunOptions};
 use crate::trained::TrainedPolicy;
 use anyhow::{Context, anyhow};
@@ -20,25 +20,25 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
-/// Longest stage that can be asked for.
+/// Longest stage that the options accept.
 const LONGEST: u64 = 1_000_000_000_000;
 
 #[derive(Debug, Args)]
 #[expect(clippy::struct_excessive_bools, reason = "each is a flag of the command line")]
 pub(super) struct Arguments {
     #[command(flatten)]
-    choice: Choice,
-    /// Seed of everything random [default: 0]
+    choice: ConfigArguments,
+    /// Seed of all random numbers [default: 0]
     #[arg(long)]
     seed: Option<u64>,
-    /// The policy file to write
+    /// Policy file to write
     #[arg(long)]
     out: PathBuf,
-    /// CSV file with a row for every episode: reward, steps, q0 [default: the
-    /// policy file's name with .csv]
+    /// CSV log to write, with a row for every episode [default: the policy file's name with
+    /// .csv]
     #[arg(long)]
     log: Option<PathBuf>,
-    /// Folder to write TensorBoard event files to
+    /// Folder for TensorBoard event files
     #[arg(long, value_name = "DIR")]
     tensorboard: Option<PathBuf>,
     /// Length of the last stage in environment steps, instead of the configuration's
@@ -47,30 +47,31 @@ pub(super) struct Arguments {
     /// Length of the last stage in episodes, instead of the configuration's
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=LONGEST))]
     episodes: Option<u64>,
-    /// Seconds between checkpoints, beside --out; 0 for none
+    /// Seconds between checkpoints, which are beside --out; 0 disables them
     #[arg(long, value_name = "SECONDS", default_value = "30", value_parser = seconds)]
     checkpoint_every: f64,
-    /// Go on from the checkpoint beside --out; where there is none, begin what
-    /// --preset or --config says
+    /// Resume from the checkpoint beside --out; without one, begin the training of --preset or
+    /// --config
     #[arg(long, conflicts_with = "restart")]
     resume: bool,
-    /// Begin anew where there is a checkpoint beside --out, which is lost
+    /// Begin anew and discard the checkpoint beside --out
     #[arg(long)]
     restart: bool,
-    /// Go on training when it has collapsed
+    /// Continue a training that has collapsed
     #[arg(long)]
     allow_collapse: bool,
-    /// Say nothing of the progress
+    /// Suppress progress output
     #[arg(long)]
     quiet: bool,
-    /// Starts at each density of the evaluation at the end, at most 1000000; 0 for none
+    /// Number of random starts of the final evaluation at each density ratio, at most 1000000;
+    /// 0 skips it
     #[arg(
         long,
         default_value_t = 5000,
         value_parser = clap::value_parser!(u32).range(0..=MOST_STARTS)
     )]
     eval_starts: u32,
-    /// Instruction set to compute with; the result does not depend on it
+    /// Instruction set to use; the result does not depend on it
     #[arg(long, value_enum, default_value = "best")]
     isa: IsaArgument,
 }
@@ -83,7 +84,8 @@ fn seconds(text: &str) -> Result<f64, String> {
 }
 
 impl Arguments {
-    /// The configuration asked for; where none is named, changes to `otherwise`.
+    /// Returns the chosen configuration; without a preset or file, `otherwise` with the
+    /// changes.
     fn config(&self, otherwise: Option<&Config>) -> Result<Config, Failure> {
         let mut config = self.choice.config(otherwise)?;
         if let Some(last) = config.stages.last_mut() {
@@ -91,7 +93,7 @@ impl Arguments {
                 last.length = Length::Steps(n);
             }
             if let Some(n) = self.episodes {
-                // It needs to know how far it is: to select the actor that is kept.
+                // The selection needs the completed share of the stage in steps.
                 if config.selection.evaluations > 0 {
                     return Err(input(anyhow!(
                         "--episodes {n}: the preset {} is counted in steps; use --steps",
@@ -106,11 +108,11 @@ impl Arguments {
         Ok(config)
     }
 
-    /// The checkpoint to go on from, if there is one to.
+    /// Returns the checkpoint to resume, if there is one.
     fn checkpoint(&self) -> Result<Option<Checkpoint>, Failure> {
         let path = checkpoint::path(&self.out);
         if self.restart || !path.exists() {
-            if self.resume && !self.choice.is_made() {
+            if self.resume && !self.choice.is_given() {
                 return Err(input(anyhow!(
                     "--resume: there is no checkpoint {}; give --preset or --config to begin",
                     path.display()
@@ -120,16 +122,16 @@ impl Arguments {
         }
         if !self.resume {
             return Err(input(anyhow!(
-                "{}: a training with this --out is not over; go on with --resume, or give it up \
-                 with --restart",
+                "{}: a training with this --out is not complete; continue it with --resume, or \
+                 discard it with --restart",
                 path.display()
             )));
         }
         Checkpoint::read(&self.out).map_err(failure)
     }
 
-    /// Whether what is given beside --resume contradicts the checkpoint.
-    fn agree(&self, checkpoint: &Checkpoint) -> Result<(), Failure> {
+    /// Checks that the options given beside --resume agree with the checkpoint.
+    fn check_agreement(&self, checkpoint: &Checkpoint) -> Result<(), Failure> {
         let there = checkpoint.config(&checkpoint::path(&self.out)).map_err(failure)?;
         if let Some(seed) = self.seed.filter(|&seed| seed != checkpoint.seed) {
             let there = checkpoint.seed;
@@ -144,7 +146,7 @@ impl Arguments {
         }
     }
 
-    /// Where the log goes: never where the policy goes.
+    /// Returns the path of the log, which must differ from the policy's.
     fn log(&self, checkpoint: Option<&Checkpoint>) -> Result<PathBuf, Failure> {
         let path = match (&self.log, checkpoint) {
             (Some(path), _) => path.clone(),
@@ -165,17 +167,17 @@ impl Arguments {
         }))
     }
 
-    /// How to go on with a training that was stopped.
+    /// Returns how a stopped training can be resumed.
     fn how_to_resume(&self) -> String {
         if self.checkpoint_every > 0.0 {
-            format!("go on with: trainer train --resume --out {}", self.out.display())
+            format!("resume with: trainer train --resume --out {}", self.out.display())
         } else {
-            "with --checkpoint-every 0 it cannot be gone on with".into()
+            "with --checkpoint-every 0 it cannot be resumed".into()
         }
     }
 }
 
-/// A file's place, whatever it is called by, and whether or not it is there.
+/// Returns the canonical path of a file, whether or not it exists.
 fn place(path: &Path) -> PathBuf {
     let in_folder = || {
         let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -185,11 +187,36 @@ fn place(path: &Path) -> PathBuf {
 }
 
 fn failure(error: RunError) -> Failure {
-    if error.is_input() { input(error) } else { failed(error) }
+    let is_input = error.is_input();
+    let error = match hint(&error) {
+        Some(hint) => anyhow!("{error}; {hint}"),
+        None => error.into(),
+    };
+    if is_input { input(error) } else { failed(error) }
 }
 
-/// Does work that takes seconds, with a word of it on a terminal; `None` when a
-/// signal asks to stop meanwhile. The work then ends with the process.
+/// Returns the options that help with an error.
+fn hint(error: &RunError) -> Option<String> {
+    Some(match error {
+        RunError::Unwritten { purpose, .. } => {
+            let option = match purpose {
+                Purpose::Checkpoint => "--out",
+                Purpose::Log => "--log",
+                Purpose::Events => "--tensorboard",
+            };
+            format!("name another place with {option}")
+        }
+        RunError::Busy(_) => "end it, or name another file with --log".into(),
+        RunError::Log { .. } | RunError::Checkpoint { .. } | RunError::State { .. } => {
+            "--restart begins anew".into()
+        }
+        RunError::Collapsed(_) => "--allow-collapse continues all the same".into(),
+        _ => return None,
+    })
+}
+
+/// Runs `work` on a thread, with a spinner on a terminal. Returns `None` when a signal stops
+/// it; the thread then ends with the process.
 fn unless_stopped<T: Send + 'static>(
     stop: &Stop,
     doing: &'static str,
@@ -199,7 +226,7 @@ fn unless_stopped<T: Send + 'static>(
     let spinner = ProgressBar::new_spinner().with_style(style).with_message(doing);
     spinner.enable_steady_tick(Duration::from_millis(200));
     let (sender, receiver) = channel();
-    // A receiver that is gone has been stopped.
+    // Sending fails only after a stop.
     let worker = std::thread::spawn(move || _ = sender.send(work()));
     let result = loop {
         match receiver.recv_timeout(Duration::from_millis(50)) {
@@ -219,7 +246,7 @@ fn unless_stopped<T: Send + 'static>(
     result
 }
 
-/// Begins the training, or goes on with it; what is refused is refused here.
+/// Begins or resumes the training. All input errors are found here.
 fn open(arguments: &Arguments) -> Result<Run, Failure> {
     let isa = arguments.isa.isa()?;
     let checkpoint = arguments.checkpoint()?;
@@ -233,11 +260,11 @@ fn open(arguments: &Arguments) -> Result<Run, Failure> {
         allow_collapse: arguments.allow_collapse,
     };
     let run = if let Some(checkpoint) = checkpoint {
-        arguments.agree(&checkpoint)?;
+        arguments.check_agreement(&checkpoint)?;
         Run::resume(checkpoint, isa, &options)
     } else {
         let config = arguments.config(None)?;
-        // Before the training, not after it: whether there is anywhere to write to.
+        // Before the training: the output must be writable.
         drop(Target { path: &arguments.out, option: "--out" }.begin()?);
         Run::begin(config, arguments.seed.unwrap_or(0), isa, &options)
     };
@@ -245,13 +272,13 @@ fn open(arguments: &Arguments) -> Result<Run, Failure> {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    // Before there is any file: a signal must leave none half made.
+    // Before any file exists, so that a signal leaves none unfinished.
     let stop = Stop::on_signals().context("signals").map_err(failed)?;
     let began = Instant::now();
     let mut run = open(arguments)?;
     let before = run.training().total_steps();
     if before > 0 && !arguments.quiet {
-        eprintln!("going on from step {before}");
+        eprintln!("resuming from step {before}");
     }
     let ended = run.learn(&stop).map_err(failure)?;
     let took = began.elapsed();
@@ -283,7 +310,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     ))?;
     if let Some(score) = trained.score {
         print(&format!(
-            "Kept: the actor after {} steps, the best of {} evaluations.",
+            "Best actor: after {} steps, the best of {} evaluations.",
             score.steps, config.selection.evaluations
         ))?;
     }
@@ -292,7 +319,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let evaluate = move || evaluate(&bytes, starts);
         let report = unless_stopped(&stop, "evaluating…", evaluate).ok_or_else(|| {
             let out = arguments.out.display();
-            failed(anyhow!("stopped by a signal; {out} is written, but was not evaluated"))
+            failed(anyhow!("stopped by a signal; {out} is written, but not evaluated"))
         })?;
         print(&format!("\n{}", text(&report.map_err(failed)?)))?;
     }

@@ -1,23 +1,23 @@
-//! Whether a configuration can be trained: every figure against its row of the
-//! table, and then what figures must be to each other.
+//! The check of a configuration: every parameter against its row of the table, then the
+//! relations between parameters.
 
 use super::keys::{Limit, find};
 use super::{Config, Exploration, Length, MediumDraw, Stage};
 use std::f32::consts::PI;
 use toml::Value;
 
-/// Why a configuration cannot be trained.
+/// The reason why a configuration cannot be trained.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ConfigError {
-    /// A figure out of its range.
+    /// A parameter is out of its range.
     #[error("{key} is {value}, but must be {limit}; correct the configuration")]
     OutOfRange {
-        /// The figure's key.
+        /// Key of the parameter.
         key: String,
-        /// What it is.
+        /// Its value.
         value: String,
-        /// What it may be.
+        /// Its limit.
         limit: String,
     },
 }
@@ -28,10 +28,10 @@ fn out_of_range(key: &str, value: &dyn ToString, limit: &dyn ToString) -> Config
 }
 
 impl Config {
-    /// Whether all figures are in range.
+    /// Checks every parameter and the relations between them.
     ///
     /// # Errors
-    /// The first figure that is not.
+    /// [`ConfigError`] with the first parameter out of its range.
     pub fn check(&self) -> Result<(), ConfigError> {
         let value = Value::try_from(self)
             .map_err(|e| out_of_range("the configuration", &e, &"what TOML can hold"))?;
@@ -42,12 +42,13 @@ impl Config {
         }
     }
 
-    /// What figures must be to each other: whether they are, key, value, limit.
+    /// Returns the relations between parameters: whether each holds, its key, its value and its
+    /// limit.
     fn relations(&self) -> Vec<(bool, &'static str, String, &'static str)> {
         let (n, l, e) = (&self.network, &self.learning, &self.episode);
         let ordered = |i: usize| n.action_low[i] <= n.action_high[i];
         let bounds = |i: usize| format!("{} to {}", n.action_low[i], n.action_high[i]);
-        // The part of unit space that both the actor and the environment can reach.
+        // Whether the actor's and the environment's ranges of unit space overlap.
         let reachable = |i: usize| {
             let unit = |x: f32| (x - n.action_offset[i]) / n.action_scale[i];
             unit(n.action_low[i]) < n.output_bound && unit(n.action_high[i]) > -n.output_bound
@@ -138,8 +139,8 @@ impl Config {
     }
 }
 
-/// Checks a value and all that is in it. `path` is that of the table of keys,
-/// `shown` has the options in lists too.
+/// Checks a value and everything in it. `path` is its path in the table of keys; `shown` is the
+/// path for messages, with the indices of lists.
 fn check_value(path: &str, shown: &str, value: &Value) -> Result<(), ConfigError> {
     if let (Value::Table(table), "") = (value, path) {
         return table.iter().try_for_each(|(key, value)| check_value(key, key, value));
@@ -169,7 +170,7 @@ fn check_value(path: &str, shown: &str, value: &Value) -> Result<(), ConfigError
     }
 }
 
-/// A number as it was written, were it in single precision.
+/// Formats a number as it was written in single precision.
 fn shortest(x: f64) -> String {
     let single = x as f32;
     if f64::from(single) == x { single.to_string() } else { x.to_string() }

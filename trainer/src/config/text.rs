@@ -1,5 +1,5 @@
-//! Configurations as text: printed with a comment at every key, read from files,
-//! and changed key by key.
+//! Configurations as text: printed with a comment at every key, read from files, and changed
+//! key by key.
 
 use super::keys::find;
 use super::{Config, ConfigError};
@@ -8,58 +8,58 @@ use std::io;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
-/// Longest configuration file, bytes.
+/// Largest configuration file, bytes.
 const LONGEST: u64 = 1 << 20;
 
-/// Why a file is no configuration to train.
+/// The reason why a file is no configuration that can be trained.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReadError {
-    /// It cannot be read.
+    /// The file cannot be read.
     #[error("cannot read the configuration {}: {cause}", path.display())]
     Read {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the system.
         cause: io::Error,
     },
-    /// It is not TOML, or has a key that is unknown, missing or of another type.
+    /// The file is not TOML, or has a key that is unknown, missing or of another type.
     #[error("{}: {cause}\n`trainer config show --preset P` prints a complete configuration", path.display())]
     Syntax {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Where, and what was expected.
+        /// Place in the file, and what was expected.
         cause: Box<toml::de::Error>,
     },
-    /// A figure is out of range.
+    /// A parameter is out of range.
     #[error("{}: {cause}", path.display())]
     Parameter {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Which.
+        /// The parameter.
         cause: ConfigError,
     },
 }
 
-/// Why a single figure could not be set.
+/// The reason why a parameter cannot be set.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SetError {
-    /// There is no `=`.
+    /// The setting has no `=`.
     #[error("{0}: expected KEY=VALUE, such as learning.batch=32")]
     Form(String),
-    /// There is no such key in this configuration.
+    /// The configuration has no such key.
     #[error("{setting}: no key {key} here; `trainer config show` prints all keys")]
     Key {
-        /// As given.
+        /// The setting as given.
         setting: String,
-        /// The part that leads nowhere.
+        /// The part of the path that does not exist.
         key: String,
     },
-    /// The value does not fit.
+    /// The value has another type.
     #[error("{setting}: {cause}")]
     Value {
-        /// As given.
+        /// The setting as given.
         setting: String,
         /// What was expected.
         cause: Box<toml::de::Error>,
@@ -67,16 +67,17 @@ pub enum SetError {
 }
 
 impl Config {
-    /// As TOML, complete.
+    /// Returns the complete configuration as TOML.
     ///
     /// # Panics
-    /// Never for what passes [`Self::check`]: every field has a TOML form.
+    /// Never for a configuration that passes [`Self::check`]: every field has a TOML form.
     #[must_use]
     pub fn to_toml(&self) -> String {
         toml::to_string(self).expect("every field has a TOML form")
     }
 
-    /// As [`Self::to_toml`], with what it is, unit and range above every key.
+    /// Returns the configuration as [`Self::to_toml`] does, with description, unit and range
+    /// above every key.
     ///
     /// # Panics
     /// As [`Self::to_toml`].
@@ -85,7 +86,7 @@ impl Config {
         let mut text = String::from(
             "# Every figure of a training: `trainer train --config FILE --seed N --out X.bin`.\n",
         );
-        // A line holds a header, a key with its value, or nothing.
+        // Each line is a header, a key with its value, or empty.
         let mut table = String::new();
         for line in self.to_toml().lines() {
             let header = line.trim_start_matches('[').trim_end_matches(']');
@@ -103,7 +104,7 @@ impl Config {
         text
     }
 
-    /// From a TOML file, complete and in range.
+    /// Reads a complete configuration from a TOML file and checks it.
     ///
     /// # Errors
     /// [`ReadError`] with the file, the key, its value and its limit.
@@ -121,8 +122,9 @@ impl Config {
         Ok(config)
     }
 
-    /// With one figure changed: `learning.batch=32`, `stages.0.length.steps=1000`,
-    /// `exploration.deviation=[0.01, 0.3]`. It must still be [checked](Self::check).
+    /// Returns the configuration with one parameter changed, such as `learning.batch=32`,
+    /// `stages.0.length.steps=1000` or `exploration.deviation=[0.01, 0.3]`. The result is not
+    /// [checked](Self::check).
     ///
     /// # Errors
     /// [`SetError`] when there is no such key, or the value is of another type.
@@ -132,7 +134,7 @@ impl Config {
     pub fn with(&self, setting: &str) -> Result<Self, SetError> {
         let form = || SetError::Form(setting.into());
         let (path, value) = setting.split_once('=').ok_or_else(form)?;
-        // What is no TOML value is a word.
+        // A value that is not TOML is taken as a string.
         let value = toml::from_str::<Table>(&format!("value = {value}"))
             .ok()
             .and_then(|mut table| table.remove("value"))
@@ -154,8 +156,8 @@ impl Config {
             .map_err(|cause| SetError::Value { setting: setting.into(), cause: Box::new(cause) })
     }
 
-    /// The first key, with both its values, in which this configuration differs
-    /// from another; `None` when they are the same.
+    /// Returns the first key in which this configuration differs from another, with both
+    /// values; `None` when they are the same.
     ///
     /// # Panics
     /// As [`Self::to_toml`].

@@ -1,13 +1,13 @@
-//! The log of a training: a CSV file with a row for every episode.
+//! The log of a training, a CSV file with a row for every episode.
 
 use super::{By, Zero};
 use crate::lines::line_of;
 use std::path::{Path, PathBuf};
 
-/// Columns that a log must have; others are left alone.
+/// Columns that a log must have; others are ignored.
 const COLUMNS: [&str; 4] = ["stage", "total_steps", "reward", "steps"];
 
-/// What is drawn of an episode.
+/// The columns of an episode that are drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Episode {
     /// Stage of the training, from 1.
@@ -16,59 +16,59 @@ pub struct Episode {
     pub total_steps: u64,
     /// Sum of its rewards.
     pub reward: f64,
-    /// Its steps.
+    /// Number of its steps.
     pub steps: u64,
 }
 
-/// A log that has been read: at least one episode, steps and stages ascending.
+/// A parsed log: at least one episode, with ascending steps and stages.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Log {
     path: PathBuf,
     episodes: Vec<Episode>,
 }
 
-/// Why a file is no log.
+/// The reason why a file is no log.
 #[derive(Debug, thiserror::Error)]
 pub enum LogError {
-    /// It cannot be read.
+    /// The file cannot be read.
     #[error("{0}: {1}")]
     Unreadable(String, std::io::Error),
-    /// It is no CSV.
+    /// The file is not CSV.
     #[error("{0}: {1}")]
     Csv(String, csv::Error),
-    /// The first line does not name a column, or names it twice.
+    /// The first line lacks a column or names it twice.
     #[error(
         "{file}, line 1: {found} column {column}; the log of a training has one each of \
          stage, total_steps, reward and steps: give a file that trainer train wrote"
     )]
     Header {
-        /// The file.
+        /// Path of the file.
         file: String,
         /// `no`, or `more than one`.
         found: &'static str,
-        /// The column.
+        /// The column's name.
         column: &'static str,
     },
-    /// There is no episode in it.
+    /// The log has no episode.
     #[error("{0}: no episode after the first line; let the training run on")]
     Empty(String),
-    /// A cell is not what its column holds.
+    /// A cell does not fit its column.
     #[error("{file}, line {line}, column {column}: {found}, expected {expected}")]
     Cell {
-        /// The file.
+        /// Path of the file.
         file: String,
-        /// From 1.
+        /// Line in the file, from 1.
         line: usize,
-        /// The column.
+        /// The column's name.
         column: &'static str,
-        /// What is there.
+        /// Content of the cell.
         found: String,
-        /// What should be.
+        /// What was expected.
         expected: String,
     },
 }
 
-/// One row, and how to speak of it.
+/// A row, with what messages need.
 struct Row<'a> {
     file: &'a str,
     text: &'a [u8],
@@ -116,7 +116,7 @@ impl Log {
     /// Reads a log.
     ///
     /// # Errors
-    /// [`LogError`] for what cannot be read or is no log.
+    /// [`LogError`] when the file cannot be read or is no log.
     pub fn read(path: &Path) -> Result<Self, LogError> {
         let name = path.display().to_string();
         let text = std::fs::read(path).map_err(|e| LogError::Unreadable(name, e))?;
@@ -140,32 +140,32 @@ impl Log {
         Ok(Self { path: path.to_owned(), episodes })
     }
 
-    /// Whether a file begins as a log does.
+    /// Whether the first line of a file is that of a log.
     #[must_use]
     pub fn recognises(path: &Path) -> bool {
         let Ok(mut reader) = csv::Reader::from_path(path) else { return false };
         reader.headers().is_ok_and(|headers| columns("", headers).is_ok())
     }
 
-    /// The file that it was read from.
+    /// Returns the path of the file.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// The episodes, at least one.
+    /// Returns the episodes, at least one.
     #[must_use]
     pub fn episodes(&self) -> &[Episode] {
         &self.episodes
     }
 
-    /// Steps of its longest episode.
+    /// Returns the number of steps of the longest episode.
     #[must_use]
     pub fn longest(&self) -> u64 {
         self.episodes.iter().map(|e| e.steps).max().unwrap_or(0)
     }
 
-    /// Where each episode ends, counted from `zero`.
+    /// Returns the position of the end of each episode, counted from `zero`.
     pub(crate) fn ends(&self, by: By, zero: Zero) -> Vec<f64> {
         let ends: Vec<f64> = match by {
             By::Steps => self.episodes.iter().map(|e| e.total_steps as f64).collect(),
@@ -178,14 +178,14 @@ impl Log {
         ends.into_iter().map(|end| end - origin).collect()
     }
 
-    /// The first episode of every stage but the first, as an index.
+    /// Returns the index of the first episode of every stage except the first.
     pub(crate) fn changes(&self) -> Vec<usize> {
         let pairs = self.episodes.windows(2).enumerate();
         pairs.filter(|(_, w)| w[1].stage > w[0].stage).map(|(i, _)| i + 1).collect()
     }
 }
 
-/// Where the columns of a log are.
+/// Returns the index of each column of [`COLUMNS`].
 fn columns(file: &str, headers: &csv::StringRecord) -> Result<[usize; COLUMNS.len()], LogError> {
     let mut at = [0; COLUMNS.len()];
     for (at, column) in at.iter_mut().zip(COLUMNS) {
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn a_log_and_its_stages() {
+    fn reads_episodes_and_stages_of_a_log() {
         let rows = "1,1,5,1,2.5,5,NaN\n2,1,8,1,0,3,0\n3,2,9,0,-0.5,1,0\n4,2,14,0,4,5,0\n";
         let log = parse(&format!("{HEADER}{rows}")).unwrap();
         assert_eq!(log.episodes()[2], Episode { stage: 2, total_steps: 9, reward: -0.5, steps: 1 });
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named_with_its_place() {
+    fn errors_name_the_line_and_the_column() {
         let row = |cells: &str| format!("{HEADER}1,1,5,1,2,5,0\n{cells}\n");
         for (text, said) in [
             (String::new(), "run.csv, line 1: no column stage"),

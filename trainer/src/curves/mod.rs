@@ -1,13 +1,13 @@
-//! Learning curves: from the logs of trainings to a picture.
+//! Learning curves from the logs of trainings.
 //!
-//! [`log`] reads what a training wrote, [`smooth`] turns the runs of a group into
-//! one curve with its spread, [`picture`] draws the curves.
+//! [`log`] reads the logs, [`smooth`] reduces the runs of a group to one curve with its spread,
+//! and [`picture`] draws the curves.
 
 pub mod log;
 pub mod picture;
 pub mod smooth;
 
-/// What the curves are drawn over.
+/// The horizontal axis of the curves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum By {
     /// Environment steps
@@ -17,7 +17,7 @@ pub enum By {
 }
 
 impl By {
-    /// Its unit, as a word.
+    /// Returns the unit of the axis.
     #[must_use]
     pub fn unit(self) -> &'static str {
         match self {
@@ -27,11 +27,11 @@ impl By {
     }
 }
 
-/// Where the curves' zero lies.
+/// The position of zero on the horizontal axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Zero {
-    /// Where the training begins
+    /// Start of the training
     Start,
-    /// Where its last stage begins: what came before lies to the left of zero
+    /// Start of the last stage; earlier stages are at negative positions
     LastStage,
 }

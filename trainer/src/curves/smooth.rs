@@ -1,41 +1,41 @@
-//! From the episodes of several runs to one curve with its spread.
+//! Smoothing: from the episodes of several runs to one curve with its spread.
 //!
-//! A run's value at a place is the mean over the episodes that ended in the window
-//! before it. The window does not reach back over a change of stage, where the task
-//! becomes another; until it is half full, there is no value. A group's value is the
-//! median over its runs, between the quartiles, and is there only where every run
-//! has one: past the end of the shortest run, those that are left are not the group.
+//! The value of a run at a position is the mean over the episodes that ended in the window
+//! before it. The window does not reach back across a change of stage, because the task changes
+//! there; until it is half full, there is no value. The value of a group is the median over its
+//! runs, with quartiles. It exists only where every run has a value, because past the end of
+//! the shortest run the others are not the same group.
 
 use super::log::Log;
 use super::{By, Zero};
 use crate::evaluate::survival::quantile;
 
-/// RunOptions at which curves are computed.
+/// Number of positions at which curves are computed.
 const PLACES: usize = 600;
 
-/// Runs that are drawn as one.
+/// Runs that are drawn as one curve.
 #[derive(Clone, Debug)]
 pub struct Group {
-    /// What to call them.
+    /// Name of the group.
     pub label: String,
-    /// At least one.
+    /// The runs, at least one.
     pub runs: Vec<Log>,
 }
 
-/// How curves are to be made.
+/// The parameters of the smoothing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Smoothing {
-    /// What they are drawn over.
+    /// Horizontal axis.
     pub by: By,
-    /// Where zero lies.
+    /// Position of zero.
     pub zero: Zero,
     /// Width of the window, in the unit of `by`.
     pub window: f64,
-    /// Steps of a full episode; `None`: of the longest in the group.
+    /// Number of steps of a full episode; `None` takes that of the longest in the group.
     pub full_steps: Option<u64>,
 }
 
-/// Median and quartiles over runs.
+/// Median and quartiles over the runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spread {
     /// Lower quartile.
@@ -46,33 +46,33 @@ pub struct Spread {
     pub high: f64,
 }
 
-/// What is known of a group at a place.
+/// The values of a group at one position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
-    /// Place, in the unit of [`Smoothing::by`].
+    /// Position, in the unit of [`Smoothing::by`].
     pub x: f64,
     /// Sum of the rewards of an episode.
     pub reward: Spread,
-    /// Share of the episodes that are of full length.
+    /// Share of the episodes with full length.
     pub full: Spread,
 }
 
 /// A group's curve.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curve {
-    /// What to call it.
+    /// Name of the group.
     pub label: String,
-    /// Runs in it.
+    /// Number of runs.
     pub runs: usize,
-    /// Steps of a full episode.
+    /// Number of steps of a full episode.
     pub full_steps: u64,
-    /// Stretches without a gap.
+    /// Parts of the curve without a gap.
     pub stretches: Vec<Vec<Point>>,
-    /// Where stages begin, but for the first: median over the runs that have them.
+    /// Starts of the stages after the first: the median over the runs that have them.
     pub changes: Vec<f64>,
 }
 
-/// Lowest and highest place of all runs.
+/// Returns the lowest and highest position of all runs.
 #[must_use]
 pub fn extent(groups: &[Group], by: By, zero: Zero) -> (f64, f64) {
     let runs = groups.iter().flat_map(|g| &g.runs);
@@ -80,8 +80,8 @@ pub fn extent(groups: &[Group], by: By, zero: Zero) -> (f64, f64) {
     ends.fold((0.0, 0.0), |(low, high), (first, last)| (low.min(first), high.max(last)))
 }
 
-/// A fiftieth of what there is to draw, rounded down to a 1, 2 or 5 with zeros; at
-/// least 20: no episode of a preset has more steps, so there is always one in it.
+/// Returns a fiftieth of the range, rounded down to 1, 2 or 5 times a power of ten, and at
+/// least 20: no episode of a preset has more steps, so a window always holds one.
 #[must_use]
 pub fn usual_window((low, high): (f64, f64)) -> f64 {
     let wanted = (high - low) / 50.0;
@@ -89,7 +89,7 @@ pub fn usual_window((low, high): (f64, f64)) -> f64 {
     nice.take_while(|&w| w <= wanted).last().unwrap_or(0.0).max(20.0)
 }
 
-/// The curve of each group.
+/// Computes the curve of each group.
 #[must_use]
 pub fn curves(groups: &[Group], how: &Smoothing) -> Vec<Curve> {
     let (low, high) = extent(groups, how.by, how.zero);
@@ -132,7 +132,7 @@ fn curve(group: &Group, how: &Smoothing, options: &[f64]) -> Curve {
     }
 }
 
-/// Of at least one number.
+/// Returns the spread of at least one number.
 fn spread(mut values: Vec<f64>) -> Spread {
     values.sort_by(f64::total_cmp);
     let at = |share| quantile(&values, share).expect("a run at least");
@@ -151,15 +151,15 @@ fn last_end(log: &Log, by: By, zero: Zero) -> f64 {
     log.ends(by, zero)[log.episodes().len() - 1]
 }
 
-/// A run with what its means are read from.
+/// A run, with cumulative sums for its means.
 struct Smoothed {
     window: f64,
-    /// Where the run begins, and where each episode ends.
+    /// Positions of the start of the run and of the end of each episode.
     start: f64,
     ends: Vec<f64>,
-    /// First episodes of the later stages.
+    /// Indices of the first episodes of the later stages.
     changes: Vec<usize>,
-    /// Rewards and full episodes, summed over the episodes before each.
+    /// Sums of rewards and full episodes over the episodes before each.
     sums: Vec<[f64; 2]>,
 }
 
@@ -181,7 +181,7 @@ impl Smoothed {
         }
     }
 
-    /// Mean reward and share of full episodes in the window that ends at `x`.
+    /// Returns the mean reward and the share of full episodes in the window that ends at `x`.
     fn at(&self, x: f64) -> Option<[f64; 2]> {
         if self.ends.last().is_none_or(|&end| x > end) {
             return None;
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn a_value_is_the_mean_over_its_window() {
+    fn a_value_is_the_mean_over_the_episodes_of_its_window() {
         let log = run(&[(1, 1.0, 5), (1, 3.0, 5), (1, 5.0, 2), (1, 7.0, 5)]);
         let by_episodes = Smoothed::new(&log, &how(By::Episodes, 2.0), 5);
         assert_eq!(by_episodes.at(0.9), None, "the window is not half full");
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn a_window_does_not_reach_into_the_stage_before() {
+    fn a_window_ends_at_the_start_of_its_stage() {
         let log = run(&[(1, 1.0, 5), (1, 1.0, 5), (2, 4.0, 5), (2, 6.0, 5), (2, 8.0, 5)]);
         let smoothed = Smoothed::new(&log, &how(By::Episodes, 2.0), 5);
         assert_eq!(smoothed.at(2.0), Some([1.0, 1.0]));
@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn a_group_is_its_median_between_quartiles_as_far_as_all_its_runs_go() {
+    fn a_group_has_median_and_quartiles_where_all_runs_have_values() {
         let constant = |reward: f64, episodes| run(&vec![(1, reward, 5); episodes]);
         let runs = vec![constant(1.0, 100), constant(2.0, 50), constant(4.0, 100)];
         let group = Group { label: "g".into(), runs };
@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn stages_of_aligned_runs_change_at_zero() {
+    fn runs_aligned_by_their_last_stage_change_at_zero() {
         let long = run(&[[(1, 1.0, 5); 40].as_slice(), &[(2, 2.0, 5); 60]].concat());
         let short = run(&[(1, 1.5, 5); 60]);
         let group = |label: &str, run: &Log| Group { label: label.into(), runs: vec![run.clone()] };
@@ -270,14 +270,14 @@ mod tests {
         assert_eq!(extent(&groups, how.by, how.zero), (-40.0, 60.0));
         let curves = curves(&groups, &how);
         assert_eq!((&curves[0].changes[..], &curves[1].changes[..]), (&[0.0][..], &[][..]));
-        // The gap at the change is where the window is not yet half full.
+        // The gap at the change is where the window is not half full.
         let [before, after] = &curves[0].stretches[..] else { panic!("two stretches") };
         assert!(before.iter().all(|p| p.x < 2.0 && p.reward.median == 1.0));
         assert!(after.iter().all(|p| p.x >= 2.0 && p.reward.median == 2.0));
     }
 
     #[test]
-    fn the_usual_window_is_round_and_holds_an_episode() {
+    fn the_default_window_is_round_and_at_least_an_episode() {
         let windows = [10.0, 1_200.0, 5_000.0, 37_000.0, 300_000.0].map(|n| usual_window((0.0, n)));
         assert_eq!(windows, [20.0, 20.0, 100.0, 500.0, 5_000.0]);
     }

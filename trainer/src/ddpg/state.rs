@@ -1,4 +1,4 @@
-//! What an agent is beyond its shape: all that outlives an update.
+//! The state of an agent beyond its shape: everything that outlives an update.
 
 use super::{ACTOR_PADDED, Ddpg};
 use crate::net::Row;
@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 /// The weights of all networks, targets and averages, and the state of the optimisers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AgentState {
-    /// Row by row, in the order of [`Ddpg::rows`].
+    /// Weights row by row, in the order of `Ddpg::rows`.
     #[serde(with = "crate::replay::bytes")]
     numbers: Vec<f32>,
-    /// Of Adam for the actor and for the critic.
+    /// Powers of Adam's decay rates, for the actor and for the critic.
     decayed: [[f64; 2]; 2],
 }
 
@@ -31,7 +31,7 @@ impl<const X: usize, const H: usize, const E: usize, const P: usize, const B: us
         )
     }
 
-    /// The same, in the same order.
+    /// Returns the same rows as `rows`, in the same order.
     fn rows_mut(&mut self) -> ([&mut [Row<ACTOR_PADDED>]; 5], [&mut [Row<P>]; 4]) {
         let (a, c) = (&mut self.actor_adam, &mut self.critic_adam);
         (
@@ -51,7 +51,7 @@ impl<const X: usize, const H: usize, const E: usize, const P: usize, const B: us
         )
     }
 
-    /// What it remembers.
+    /// Returns the agent's state.
     pub(super) fn state(&self) -> AgentState {
         let (actor, critic) = self.rows();
         let actor = actor.into_iter().flatten().flat_map(|row| row.0);
@@ -62,7 +62,7 @@ impl<const X: usize, const H: usize, const E: usize, const P: usize, const B: us
         }
     }
 
-    /// Remembers what another of the same shape did; false when the shape differs.
+    /// Restores the state of an agent of the same shape; returns false when the shape differs.
     pub(super) fn restore(&mut self, state: &AgentState) -> bool {
         let (actor, critic) = self.rows();
         let length = actor.iter().map(|rows| rows.len() * ACTOR_PADDED).sum::<usize>()

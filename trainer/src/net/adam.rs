@@ -1,21 +1,20 @@
-//! Adam with the gradient's norm clipped, and the soft update of the target
-//! network in the same pass over the weights.
+//! Adam with a clipped gradient norm. The soft update of the target network happens in the same
+//! pass over the weights.
 
 use super::Row;
 use crate::simd::{Simd, Sum, Vector};
 
-/// Decay of the mean gradient.
+/// Decay rate of the mean gradient.
 const BETA_1: f32 = 0.9;
-/// Decay of the mean squared gradient.
+/// Decay rate of the mean squared gradient.
 const BETA_2: f32 = 0.999;
-/// Keeps the quotient finite.
+/// Keeps the quotient of Adam finite.
 const EPSILON: f32 = 1e-8;
-/// Added and taken away again: flushes what has decayed below any use to zero,
-/// before it gets so small that some CPUs turn slow. (Means of dead units halve
-/// every seven updates.)
+/// Added and subtracted again, this flushes decayed means to zero before they become subnormal,
+/// which slows some CPUs down. The means of unused units halve every seven updates.
 const FLUSH: f32 = 1e-25;
 
-/// Adam's memory for the weights of one network.
+/// Adam's state for the weights of one network.
 #[derive(Clone, Debug)]
 pub(crate) struct Adam<const P: usize> {
     pub(crate) mean: Box<[Row<P>]>,
@@ -24,17 +23,17 @@ pub(crate) struct Adam<const P: usize> {
     pub(crate) decayed: [f64; 2],
 }
 
-/// What one step of [`Adam`] does.
+/// The parameters of one step of [`Adam`].
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Step {
     pub(crate) learning_rate: f32,
     pub(crate) max_gradient_norm: f32,
-    /// Rate of the soft update, for the target network.
+    /// Rate of the soft update of the target network.
     pub(crate) target_smoothing: f32,
 }
 
 impl<const P: usize> Adam<P> {
-    /// For a network of `rows` rows of weights.
+    /// Creates the state for a network of `rows` rows of weights.
     pub(crate) fn new(rows: usize) -> Self {
         Self {
             mean: vec![Row::ZERO; rows].into(),
@@ -43,8 +42,8 @@ impl<const P: usize> Adam<P> {
         }
     }
 
-    /// Moves `weights` against `gradient` and `target` towards `weights`;
-    /// returns the gradient's norm before clipping.
+    /// Moves `weights` against `gradient`, and `target` towards `weights`. Returns the
+    /// gradient's norm before clipping.
     #[inline(always)]
     pub(crate) fn step<S: Simd>(
         &mut self,
@@ -78,7 +77,7 @@ impl<const P: usize> Adam<P> {
     }
 }
 
-/// The figures of one step, the same for all weights.
+/// The coefficients of one step, the same for all weights.
 #[derive(Clone, Copy)]
 struct Rule {
     clip: f32,
@@ -122,7 +121,7 @@ impl Rule {
     }
 }
 
-/// The Euclidean norm over all rows.
+/// Returns the Euclidean norm over all rows.
 #[inline(always)]
 fn norm<S: Simd, const P: usize>(simd: S, rows: &[Row<P>]) -> f32 {
     let mut wide = S::V16::splat(simd, 0.0);

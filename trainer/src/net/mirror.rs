@@ -1,15 +1,14 @@
-//! Networks that do not know forwards from backwards.
+//! Mirror-symmetric networks.
 //!
-//! The leg's mirror image is a leg: where an observation or an action changes sign in
-//! the mirror (it is *odd*), so should what the network makes of it. Such a network is
-//! one whose hidden units come in pairs, unit i and unit i + H / 2, each the other's
-//! mirror image: they share every weight, with the other sign from odd inputs and to
-//! odd outputs. Those networks are a linear subspace of all, and a gradient projected
-//! onto it keeps a network in it.
+//! The mirror image of the leg is a leg. Where an observation or an action changes sign in the
+//! mirror (it is *odd*), the network should respond accordingly. Such a network has hidden
+//! units in pairs, unit i and unit i + H / 2, which are each other's mirror image: they share
+//! every weight, with the opposite sign from odd inputs and to odd outputs. These networks form
+//! a linear subspace, so a projected gradient keeps a symmetric network symmetric.
 
 use super::mlp::Mlp;
 
-/// Two weights of mirror images made to agree: equal, or opposite where `odd`.
+/// Replaces two weights by their mean, with opposite signs where `odd`.
 #[inline(always)]
 fn agree(row: &mut [f32], i: usize, j: usize, odd: bool) {
     let sign = if odd { -1.0 } else { 1.0 };

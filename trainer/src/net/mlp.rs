@@ -1,40 +1,40 @@
-//! A perceptron with two hidden layers of equal width, over a batch.
+//! A perceptron with two hidden layers of equal width, evaluated over a batch.
 //!
-//! `X` inputs, `H` ReLU units, then (with `E` further inputs beside them, as a
-//! critic may take its action there) `H` ReLU units, then `O` linear outputs.
-//! `P` is the padded width of every row: at least `H + E + 1`, a multiple of 8.
+//! The network has `X` inputs, `H` ReLU units, `H` further ReLU units, and `O` linear outputs.
+//! `E` further inputs may enter at the second hidden layer, where the paper's critic takes its
+//! action. `P` is the padded width of every row: at least `H + E + 1`, and a multiple of 8.
 //!
-//! Two layouts of activations meet each other here. `[unit][sample]` makes the
-//! batch the vector dimension: no padding, weights broadcast. `[sample][unit]`
-//! is what sums over the batch (weight gradients) need. Only the first hidden
-//! layer is needed in both, and is so thin that it is computed twice.
+//! Activations have two layouts. `[unit][sample]` makes the batch the vector dimension: it
+//! needs no padding, and weights are broadcast. `[sample][unit]` suits the sums over the batch,
+//! that is the weight gradients. Only the first hidden layer is needed in both, and it is thin
+//! enough to be computed twice.
 //!
-//! Weights are rows of `P`: `X` rows of the first layer by input and its bias row,
-//! `H` rows of the second by unit (bias in lane `H + E`), `O` rows of the third
-//! (bias in lane `H`). Every other lane is zero and stays zero.
+//! The weights are rows of `P`: `X` rows of the first layer by input and its bias row, `H` rows
+//! of the second layer by unit (bias in lane `H + E`), and `O` rows of the third layer (bias in
+//! lane `H`). Every other lane is zero and stays zero.
 
 use super::Row;
 use super::product::{Gated, Linear, PerColumn, PerRow, Product, Relu, Straight, Transposed, Zero};
 use crate::simd::{Simd, Sum, Vector};
 
-/// The weights.
+/// The weights of a network.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mlp<const X: usize, const H: usize, const E: usize, const O: usize, const P: usize> {
     rows: Box<[Row<P>]>,
 }
 
-/// One layer in the natural order: weights row-major (outputs, inputs), biases.
+/// The weights of one linear layer, in the order in which other tools store them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Layer {
-    /// Inputs.
+    /// Number of inputs.
     pub inputs: usize,
-    /// Row-major, outputs by inputs.
+    /// Weights, row-major, of shape (outputs, inputs).
     pub weights: Vec<f32>,
-    /// One per output.
+    /// Biases, one for each output.
     pub bias: Vec<f32>,
 }
 
-/// A batch on its way through a network of the same shape.
+/// The activations and slopes of a batch, for a network of the same shape.
 #[derive(Clone, Debug)]
 pub(crate) struct Pass<
     const X: usize,
@@ -44,22 +44,24 @@ pub(crate) struct Pass<
     const P: usize,
     const B: usize,
 > {
-    /// Inputs and a last row of ones: `[X + 1][B]`.
+    /// Inputs and a last row of ones, `[X + 1][B]`.
     pub(crate) inputs: Box<[Row<B>]>,
-    /// First hidden layer and below it the further inputs: `[H + E][B]`.
+    /// First hidden layer, then the further inputs, `[H + E][B]`.
     first: Box<[Row<B>]>,
-    /// Second hidden layer: `[H][B]`.
+    /// Second hidden layer, `[H][B]`.
     second: Box<[Row<B>]>,
-    /// Outputs: `[O][B]`.
+    /// Outputs, `[O][B]`.
     pub(crate) outputs: Box<[Row<B>]>,
-    /// The first hidden layer, further inputs and a one, by sample: `[B][P]`.
+    /// First hidden layer, further inputs and a one, by sample, `[B][P]`.
     by_sample: Box<[Row<P>]>,
-    /// Derivative of the loss by the outputs: `[O][B]`. Set before going back.
+    /// Derivative of the loss by the outputs, `[O][B]`. The caller sets it before
+    /// back-propagation.
     pub(crate) output_slopes: Box<[Row<B>]>,
     second_slopes: Box<[Row<B>]>,
     first_slopes: Box<[Row<P>]>,
     first_slopes_by_unit: Box<[Row<B>]>,
-    /// Derivative by the last inputs of the first layer, or by the further ones.
+    /// Derivative of the loss by the further inputs, or by the last inputs of the first layer
+    /// where there are none.
     pub(crate) input_slopes: Box<[Row<B>]>,
 }
 
@@ -70,18 +72,18 @@ fn rows<const N: usize>(count: usize) -> Box<[Row<N>]> {
 impl<const X: usize, const H: usize, const E: usize, const O: usize, const P: usize>
     Mlp<X, H, E, O, P>
 {
-    /// Rows of weights.
+    /// Number of rows of weights.
     pub(crate) const ROWS: usize = X + 1 + H + O;
     const SECOND: usize = X + 1;
     const THIRD: usize = X + 1 + H;
 
-    /// All weights zero.
+    /// Returns a network with all weights zero.
     pub(crate) fn zeros() -> Self {
         const { assert!(P > H + E && P.is_multiple_of(8) && H.is_multiple_of(10)) };
         Self { rows: rows(Self::ROWS) }
     }
 
-    /// From the three layers in natural order; the second has `H + E` inputs.
+    /// Loads three layers; the second has `H + E` inputs.
     pub(crate) fn from_layers(layers: &[Layer; 3]) -> Self {
         let mut net = Self::zeros();
         let [a, b, c] = layers;
@@ -102,7 +104,7 @@ impl<const X: usize, const H: usize, const E: usize, const O: usize, const P: us
         net
     }
 
-    /// The three layers in natural order.
+    /// Returns the three layers.
     pub(crate) fn to_layers(&self) -> [Layer; 3] {
         let of = |inputs: usize, outputs: usize, at: &dyn Fn(usize, usize) -> f32| Layer {
             inputs,
@@ -119,19 +121,19 @@ impl<const X: usize, const H: usize, const E: usize, const O: usize, const P: us
         ]
     }
 
-    /// All rows, for the optimiser.
+    /// Returns all rows, for the optimiser.
     #[inline(always)]
     pub(crate) fn rows(&self) -> &[Row<P>] {
         &self.rows
     }
 
-    /// All rows, for the optimiser.
+    /// Returns all rows, for the optimiser.
     #[inline(always)]
     pub(crate) fn rows_mut(&mut self) -> &mut [Row<P>] {
         &mut self.rows
     }
 
-    /// The rows of the three layers.
+    /// Returns the rows of the three layers.
     #[inline(always)]
     pub(crate) fn layers_mut(&mut self) -> (&mut [Row<P>], &mut [Row<P>], &mut [Row<P>]) {
         let (first, rest) = self.rows.split_at_mut(Self::SECOND);
@@ -139,7 +141,7 @@ impl<const X: usize, const H: usize, const E: usize, const O: usize, const P: us
         (first, second, third)
     }
 
-    /// From `pass.inputs` to `pass.outputs`.
+    /// Computes `pass.outputs` from `pass.inputs`.
     #[inline(always)]
     pub(crate) fn forward<S: Simd, const B: usize>(
         &self,
@@ -171,7 +173,7 @@ impl<const X: usize, const H: usize, const E: usize, const O: usize, const P: us
         .into::<S, 10, 5>(simd, &mut pass.outputs);
     }
 
-    /// From `pass.output_slopes` to the slopes of the second layer's sums.
+    /// Computes the slopes of the second layer's sums from `pass.output_slopes`.
     #[inline(always)]
     fn back_to_second<S: Simd, const B: usize>(&self, simd: S, pass: &mut Pass<X, H, E, O, P, B>) {
         Product {
@@ -183,7 +185,7 @@ impl<const X: usize, const H: usize, const E: usize, const O: usize, const P: us
         .into::<S, 10, 5>(simd, &mut pass.second_slopes);
     }
 
-    /// The loss's gradient by the weights, after [`Self::forward`] on the same pass.
+    /// Computes the loss's gradient by the weights, after [`Self::forward`] on the same pass.
     #[inline(always)]
     pub(crate) fn gradient<S: Simd, const B: usize>(
         &self,
@@ -192,14 +194,15 @@ impl<const X: usize, const H: usize, const E: usize, const O: usize, const P: us
         gradient: &mut Self,
     ) {
         self.back_to_second(simd, pass);
-        // Third layer: sums over the batch of few rows, lane by lane.
+        // The third layer has few rows: sum each over the batch, lane by lane.
         for (row, slopes) in gradient.rows[Self::THIRD..].iter_mut().zip(&pass.output_slopes) {
             for (i, h) in pass.second.iter().enumerate() {
                 row[i] = dot(simd, h, slopes);
             }
             row[H] = dot(simd, &Row([1.0; B]), slopes);
         }
-        // First hidden layer by sample; its spare lanes carry the further inputs and a one.
+        // The spare lanes of the first hidden layer, by sample, hold the further inputs and a
+        // one.
         Product {
             a: Transposed::from(&pass.inputs[..X], 0),
             m: &self.rows[..X],
@@ -229,14 +232,13 @@ impl<const X: usize, const H: usize, const E: usize, const O: usize, const P: us
         .into::<S, 8, 4>(simd, &mut pass.first_slopes);
         Product { a: Straight(&pass.inputs), m: &pass.first_slopes, start: Zero, finish: Linear }
             .into::<S, 2, 2>(simd, &mut gradient.rows[..=X]);
-        // The spare lanes of the first layer are no units.
+        // The spare lanes of the first layer are not units.
         for row in &mut gradient.rows[..=X] {
             row[H..].fill(0.0);
         }
     }
 
-    /// The slopes of the last `count` inputs (the further ones, where there are
-    /// any), after [`Self::forward`] on the same pass.
+    /// Computes `pass.input_slopes`, after [`Self::forward`] on the same pass.
     #[inline(always)]
     pub(crate) fn back_to_inputs<S: Simd, const B: usize>(
         &self,
@@ -273,7 +275,7 @@ impl<const X: usize, const H: usize, const E: usize, const O: usize, const P: us
     }
 }
 
-/// The sum over the batch of the products.
+/// Returns the sum of the products over the batch.
 #[inline(always)]
 fn dot<S: Simd, const B: usize>(simd: S, a: &Row<B>, b: &Row<B>) -> f32 {
     let mut c = 0;
@@ -292,7 +294,8 @@ fn dot<S: Simd, const B: usize>(simd: S, a: &Row<B>, b: &Row<B>) -> f32 {
 impl<const X: usize, const H: usize, const E: usize, const O: usize, const P: usize, const B: usize>
     Pass<X, H, E, O, P, B>
 {
-    /// Room for a batch; `free` inputs have their slopes wanted.
+    /// Allocates the buffers of a batch. `free` is the number of inputs whose slopes are
+    /// needed.
     pub(crate) fn new(free: usize) -> Self {
         let mut inputs = rows(X + 1);
         inputs[X] = Row([1.0; B]);
@@ -310,8 +313,8 @@ impl<const X: usize, const H: usize, const E: usize, const O: usize, const P: us
         }
     }
 
-    /// The inputs that join at the second layer, or else the last inputs of the
-    /// first: where a critic takes its action.
+    /// Returns the rows of a critic's action: the further inputs, or the last two inputs of the
+    /// first layer where there are none.
     #[inline(always)]
     pub(crate) fn action_rows(&mut self) -> &mut [Row<B>] {
         if E > 0 { &mut self.first[H..] } else { &mut self.inputs[X - 2..X] }

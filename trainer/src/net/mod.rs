@@ -1,5 +1,5 @@
-//! The networks: a matrix product kept in registers, a perceptron with one
-//! hidden-to-hidden layer, its gradients, and Adam.
+//! The networks: a matrix product in registers, a perceptron with two hidden layers, its
+//! gradients, and Adam.
 
 pub mod adam;
 mod mirror;
@@ -13,7 +13,7 @@ pub mod tanh;
 pub struct Row<const N: usize>(pub [f32; N]);
 
 impl<const N: usize> Row<N> {
-    /// Zeros.
+    /// A row of zeros.
     pub const ZERO: Self = Self([0.0; N]);
 }
 

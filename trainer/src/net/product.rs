@@ -1,30 +1,30 @@
-//! `out = finish(start + A M)`, the one product under forward pass, back-propagation
-//! and weight gradients.
+//! The matrix product `out = finish(start + A M)`, which the forward pass, back-propagation and
+//! weight gradients share.
 //!
-//! A tile of rows times columns of `out` is summed in registers over the whole inner
-//! dimension: each step loads one piece of a row of `M` and broadcasts one number of
-//! each row of `A`. Every element of `out` is summed in the order of the inner
-//! dimension, whatever the tiling, so the bits do not depend on it.
+//! A tile of rows and columns of `out` is summed in registers over the whole inner dimension:
+//! each step loads one piece of a row of `M` and broadcasts one number of each row of `A`.
+//! Every element of `out` is summed in the order of the inner dimension, whatever the tiling,
+//! so the bits do not depend on the tiling.
 
 use super::Row;
 use crate::simd::{Pair, Simd, Vector};
 
-/// The left factor `A`.
+/// The left factor `A` of a product.
 pub(crate) trait Left: Copy {
-    /// `R` of its rows.
+    /// A group of `R` rows of `A`.
     type Rows<const R: usize>: Factors<R>;
-    /// Rows `first..first + R`.
+    /// Returns rows `first..first + R`.
     fn rows<const R: usize>(self, first: usize) -> Self::Rows<R>;
 }
 
-/// `R` rows of the left factor. (Not a closure: those need not be inlined, see
-/// [`crate::simd::Kernel::run`].)
+/// A group of `R` rows of the left factor. It is a trait and not a closure because a closure
+/// need not be inlined, see [`crate::simd::Kernel::run`].
 pub(crate) trait Factors<const R: usize>: Copy {
-    /// Their numbers in column `k`.
+    /// Returns the numbers of these rows in column `k`.
     fn column(self, k: usize) -> [f32; R];
 }
 
-/// `A` as it is stored.
+/// The left factor as it is stored.
 #[derive(Clone, Copy)]
 pub(crate) struct Straight<'a, const P: usize>(pub(crate) &'a [Row<P>]);
 
@@ -47,7 +47,8 @@ impl<const R: usize, const P: usize> Factors<R> for &[Row<P>; R] {
     }
 }
 
-/// `A` stored by columns: row `k` of the storage, from `from` on, is column `k` of `A`.
+/// The transposed left factor: row `k` of the storage, from index `from` on, is column `k` of
+/// `A`.
 #[derive(Clone, Copy)]
 pub(crate) struct Transposed<'a, const P: usize> {
     columns: &'a [Row<P>],
@@ -55,7 +56,7 @@ pub(crate) struct Transposed<'a, const P: usize> {
 }
 
 impl<'a, const P: usize> Transposed<'a, P> {
-    /// The first row of `A` is what stands at `from` in the rows of the storage.
+    /// Returns the factor whose first row is at index `from` of the storage's rows.
     #[inline(always)]
     pub(crate) fn from(columns: &'a [Row<P>], from: usize) -> Self {
         Self { columns, from }
@@ -77,13 +78,13 @@ impl<const R: usize, const P: usize> Factors<R> for Transposed<'_, P> {
     }
 }
 
-/// Where the sums begin.
+/// The value at which the sums begin.
 pub(crate) trait Start: Copy {
-    /// For `row`, from column `column`.
+    /// Returns the start of `row`, from `column` on.
     fn at<V: Vector>(self, token: V::Token, row: usize, column: usize) -> V;
 }
 
-/// At zero.
+/// Sums that begin at zero.
 #[derive(Clone, Copy)]
 pub(crate) struct Zero;
 
@@ -94,7 +95,7 @@ impl Start for Zero {
     }
 }
 
-/// At a number per row, given by a function of the row.
+/// Sums that begin at a number per row, given by a function of the row.
 #[derive(Clone, Copy)]
 pub(crate) struct PerRow<F>(pub(crate) F);
 
@@ -105,7 +106,7 @@ impl<F: Fn(usize) -> f32 + Copy> Start for PerRow<F> {
     }
 }
 
-/// At a number per column.
+/// Sums that begin at a number per column.
 #[derive(Clone, Copy)]
 pub(crate) struct PerColumn<'a, const N: usize>(pub(crate) &'a Row<N>);
 
@@ -116,13 +117,13 @@ impl<const N: usize> Start for PerColumn<'_, N> {
     }
 }
 
-/// What is done to the sums before they are written.
+/// The function that is applied to the sums before they are written.
 pub(crate) trait Finish: Copy {
-    /// To the sum at `row` from column `column`.
+    /// Applies the function to the sum at `row`, from `column` on.
     fn apply<V: Vector>(self, token: V::Token, sum: V, row: usize, column: usize) -> V;
 }
 
-/// Nothing.
+/// No function: the sum is written as it is.
 #[derive(Clone, Copy)]
 pub(crate) struct Linear;
 
@@ -133,7 +134,7 @@ impl Finish for Linear {
     }
 }
 
-/// max(sum, 0).
+/// The rectifier max(sum, 0).
 #[derive(Clone, Copy)]
 pub(crate) struct Relu;
 
@@ -144,7 +145,7 @@ impl Finish for Relu {
     }
 }
 
-/// Zero where the rectifier behind was off: the derivative of [`Relu`].
+/// The derivative of [`Relu`]: zero where the rectifier was off.
 #[derive(Clone, Copy)]
 pub(crate) struct Gated<'a, const N: usize>(pub(crate) &'a [Row<N>]);
 
@@ -155,7 +156,7 @@ impl<const N: usize> Finish for Gated<'_, N> {
     }
 }
 
-/// The operands of one product.
+/// The operands and functions of one product.
 #[derive(Clone, Copy)]
 pub(crate) struct Product<'a, A, I, F, const N: usize> {
     pub(crate) a: A,
@@ -165,7 +166,7 @@ pub(crate) struct Product<'a, A, I, F, const N: usize> {
 }
 
 impl<A: Left, I: Start, F: Finish, const N: usize> Product<'_, A, I, F, N> {
-    /// Writes all rows of `out`, `MANY` (or `FEW`, where registers are few) at a time.
+    /// Writes all rows of `out`, `MANY` at a time, or `FEW` where registers are few.
     #[inline(always)]
     pub(crate) fn into<S: Simd, const MANY: usize, const FEW: usize>(
         self,
@@ -202,7 +203,7 @@ impl<A: Left, I: Start, F: Finish, const N: usize> Product<'_, A, I, F, N> {
             self.tile::<S::Wide, R>(simd, out, first, column);
             column += wide;
         }
-        // What is left is less than a wide piece.
+        // The remaining columns are fewer than a wide piece.
         match N % wide {
             24 => self.tile::<Pair<S::V16, S::V8>, R>(simd, out, first, column),
             16 => self.tile::<S::V16, R>(simd, out, first, column),

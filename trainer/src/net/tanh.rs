@@ -1,11 +1,11 @@
-//! tanh by a rational function: multiplications, additions and one division, so
-//! that every instruction set rounds it alike.
+//! tanh by a rational function of multiplications, additions and one division, so that every
+//! instruction set rounds it alike.
 
 use crate::simd::Vector;
 
-/// Beyond this, tanh is 1 in `f32`.
+/// Argument from which tanh is 1 in `f32`.
 const SATURATION: f32 = 7.905_311;
-/// Odd numerator, highest power first (the minimax fit of Eigen's `ptanh`).
+/// Coefficients of the odd numerator, highest power first (the minimax fit of Eigen's `ptanh`).
 const NUMERATOR: [f32; 7] = [
     -2.760_768_5e-16,
     2.000_188e-13,
@@ -15,10 +15,10 @@ const NUMERATOR: [f32; 7] = [
     6.372_619_3e-4,
     4.893_524_6e-3,
 ];
-/// Even denominator, highest power first.
+/// Coefficients of the even denominator, highest power first.
 const DENOMINATOR: [f32; 4] = [1.198_258_4e-6, 1.185_347_1e-4, 2.268_434_6e-3, 4.893_525e-3];
 
-/// tanh of each lane, within 5e-7.
+/// Returns tanh of each lane, within 5e-7.
 #[inline(always)]
 pub(crate) fn tanh<V: Vector>(token: V::Token, x: V) -> V {
     let limit = V::splat(token, SATURATION);
@@ -30,7 +30,7 @@ pub(crate) fn tanh<V: Vector>(token: V::Token, x: V) -> V {
     ratio.min(one).max(V::splat(token, -1.0))
 }
 
-// A function, not a closure: a closure need not be inlined, see `Kernel::run`.
+// This is a function because a closure need not be inlined, see `Kernel::run`.
 #[inline(always)]
 fn horner<V: Vector>(token: V::Token, x: V, coefficients: &[f32]) -> V {
     let mut sum = V::splat(token, coefficients[0]);
@@ -63,7 +63,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_tanh() {
+    fn the_approximation_is_within_5e_7_of_tanh() {
         let worst = dispatch(Isa::best(), Worst);
         assert!(worst < 5e-7, "{worst}");
     }

@@ -1,13 +1,14 @@
-//! Checkpoints: everything that a training is, in one file.
+//! Checkpoints: the complete state of a training in one file.
 //!
 //! ```text
-//! "LEGCHKPT", version u32, length of the payload u64, payload (postcard), CRC-32 of all before
+//! "LEGCHKPT", version u32, length of the payload u64, payload (postcard), CRC-32 of everything
+//! before
 //! ```
 //!
-//! Little-endian. It is written beside its place, synced, and renamed into it: the
-//! file under the name of a checkpoint is always a whole one.
+//! Integers are little-endian. A checkpoint is written to a temporary file, synced and renamed,
+//! so the file under its final name is always complete.
 
-use super::error::RunError;
+use super::error::{Purpose, RunError};
 use super::log::LogPosition;
 use super::recent::RecentEpisodes;
 use super::with_suffix;
@@ -25,27 +26,27 @@ const MAGIC: [u8; 8] = *b"LEGCHKPT";
 const VERSION: u32 = 1;
 const TRAINER: &str = env!("CARGO_PKG_VERSION");
 
-/// Everything that a training under way is.
+/// The complete state of a training between two episodes.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Checkpoint {
-    /// Version of the trainer: another may compute other bits.
+    /// Version of the trainer; another version may compute other bits.
     trainer: String,
-    /// Of everything random.
+    /// Seed of the training.
     pub seed: u64,
-    /// The whole configuration, TOML.
+    /// Complete configuration, TOML.
     config: String,
-    /// The log to be.
+    /// Final path of the log.
     pub log_path: PathBuf,
-    /// How far the log was.
+    /// Length and checksum of the log at this checkpoint.
     pub log: LogPosition,
-    /// The latest episodes.
+    /// Statistics of the latest episodes.
     pub recent: RecentEpisodes,
-    /// The training itself.
+    /// State of the training.
     pub training: TrainingState,
 }
 
 impl Checkpoint {
-    /// Of a training between two episodes, and what goes with it.
+    /// Collects the state of a training between two episodes.
     #[must_use]
     pub fn new(
         training: &Training,
@@ -64,10 +65,10 @@ impl Checkpoint {
         }
     }
 
-    /// As a file.
+    /// Serialises the checkpoint.
     ///
     /// # Panics
-    /// Never: everything in it has a form.
+    /// Never: every field can be serialised.
     #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {
         let payload = postcard::to_stdvec(self).expect("a form for every field");
@@ -80,12 +81,12 @@ impl Checkpoint {
         bytes
     }
 
-    /// From a file's bytes.
+    /// Parses a checkpoint.
     ///
     /// # Errors
-    /// What is wrong with them.
+    /// States what is wrong with the bytes.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, String> {
-        let short = || format!("not a whole checkpoint: only {} bytes", bytes.len());
+        let short = || format!("not a complete checkpoint: it has {} bytes", bytes.len());
         let (magic, rest) = bytes.split_first_chunk::<8>().ok_or_else(short)?;
         if *magic != MAGIC {
             return Err("not the checkpoint of a training".into());
@@ -99,7 +100,9 @@ impl Checkpoint {
         let length = u64::from_le_bytes(*length).saturating_add(4);
         if rest.len() as u64 != length {
             let found = rest.len();
-            return Err(format!("not a whole checkpoint: {found} bytes follow, expected {length}"));
+            return Err(format!(
+                "not a complete checkpoint: {found} bytes follow, expected {length}"
+            ));
         }
         let (body, stored) = bytes.split_last_chunk::<4>().ok_or_else(short)?;
         let (stored, found) = (u32::from_le_bytes(*stored), CRC.checksum(body));
@@ -113,17 +116,17 @@ impl Checkpoint {
             postcard::from_bytes(payload).map_err(|e| format!("a corrupt checkpoint ({e})"))?;
         if checkpoint.trainer != TRAINER {
             return Err(format!(
-                "a checkpoint by trainer {}, but this is {TRAINER}, which may compute other bits",
+                "a checkpoint of trainer {}, but this is {TRAINER}, which may compute other results",
                 checkpoint.trainer
             ));
         }
         Ok(checkpoint)
     }
 
-    /// The checkpoint beside a policy to be; `None` when there is none.
+    /// Reads the checkpoint beside the policy file `out`; `None` when there is none.
     ///
     /// # Errors
-    /// When there is one that cannot be used.
+    /// [`RunError::Checkpoint`] when there is one that cannot be used.
     pub fn read(out: &Path) -> Result<Option<Self>, RunError> {
         let path = path(out);
         let wrong = |what| RunError::Checkpoint { path: path.clone(), what };
@@ -134,10 +137,10 @@ impl Checkpoint {
         }
     }
 
-    /// What is trained. `path` is this checkpoint's, to be named in an error.
+    /// Returns the configuration. `path` is the checkpoint's, for messages.
     ///
     /// # Errors
-    /// When it cannot be trained.
+    /// [`RunError::Checkpoint`] when it cannot be trained.
     pub fn config(&self, path: &Path) -> Result<Config, RunError> {
         let wrong = |what| RunError::Checkpoint { path: path.into(), what };
         let config: Config = toml::from_str(&self.config).map_err(|e| wrong(e.to_string()))?;
@@ -146,13 +149,13 @@ impl Checkpoint {
     }
 }
 
-/// Where the checkpoint of a policy to be is.
+/// Returns the path of the checkpoint beside the policy file `out`.
 #[must_use]
 pub fn path(out: &Path) -> PathBuf {
     with_suffix(out, ".checkpoint")
 }
 
-/// Writes checkpoints now and then.
+/// Writes checkpoints periodically.
 pub struct CheckpointWriter {
     path: PathBuf,
     part: PathBuf,
@@ -161,29 +164,29 @@ pub struct CheckpointWriter {
 }
 
 impl CheckpointWriter {
-    /// Beside a policy to be; never without a time.
+    /// Writes beside the policy file `out`; `every` is the period, `None` disables checkpoints.
     #[must_use]
     pub fn new(out: &Path, every: Option<Duration>) -> Self {
         let path = path(out);
         Self { part: with_suffix(&path, ".part"), path, every, last: Instant::now() }
     }
 
-    /// Whether it keeps any at all.
+    /// Whether checkpoints are enabled.
     #[must_use]
-    pub fn keeps(&self) -> bool {
+    pub fn is_enabled(&self) -> bool {
         self.every.is_some()
     }
 
-    /// Whether it is time for one.
+    /// Whether the period has passed since the last checkpoint.
     #[must_use]
     pub fn is_due(&self) -> bool {
         self.every.is_some_and(|every| self.last.elapsed() >= every)
     }
 
-    /// Puts a checkpoint in the place of the last.
+    /// Replaces the last checkpoint.
     ///
     /// # Errors
-    /// When it cannot be written; the last is then as it was.
+    /// [`RunError::Unwritten`]; the last checkpoint is then unchanged.
     pub fn write(&mut self, checkpoint: &Checkpoint) -> Result<(), RunError> {
         let write = || {
             let mut file = File::create(&self.part)?;
@@ -191,20 +194,20 @@ impl CheckpointWriter {
             file.sync_data()?;
             fs::rename(&self.part, &self.path)
         };
-        write().map_err(RunError::unwritten(&self.path, "--out"))?;
+        write().map_err(RunError::unwritten(&self.path, Purpose::Checkpoint))?;
         self.last = Instant::now();
         Ok(())
     }
 
-    /// There is nothing to go on from any more.
+    /// Removes the checkpoint.
     ///
     /// # Errors
-    /// When it cannot be removed.
+    /// [`RunError::Unwritten`] when it cannot be removed.
     pub fn remove(&self) -> Result<(), RunError> {
         for path in [&self.part, &self.path] {
             match fs::remove_file(path) {
                 Err(e) if e.kind() != io::ErrorKind::NotFound => {
-                    return Err(RunError::unwritten(path, "--out")(e));
+                    return Err(RunError::unwritten(path, Purpose::Checkpoint)(e));
                 }
                 _ => {}
             }

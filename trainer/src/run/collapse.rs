@@ -1,60 +1,60 @@
-//! Whether a training has collapsed: it goes on, but learns nothing any more.
+//! Detection of a collapsed training, one that no longer learns.
 //!
-//! Looked for in the later half of each stage, every 100 episodes; early on every
-//! training falls, and one that learns has stopped falling long before the half.
-//! Collapsed is
+//! The detector looks in the later half of each stage, every 100 episodes. Early on every
+//! training falls; one that learns has stopped falling long before the half. A training has
+//! collapsed
 //!
-//! - a training that falls at once: of the latest 500 episodes, all in the later
-//!   half, at least 495 were over at their first step. In the presets, seeds 0 to 9
-//!   (`robust`: 0 and 1), the share never passes 0.62 in a training that learns (the
-//!   preset `universal`, of which half the seeds learn one medium only), and is 1.00
-//!   throughout in the one that does not (`water` with seed 0, and so `water-to-air`);
-//! - an actor that is saturated: its touchdown angle is at the same end of its
-//!   tanh, within a thousandth, for every observation of a grid, after 500 episodes
-//!   of the later half. Its slope there is below 0.2 %, so no update leads back.
-//!   (The elongation speed may be at its lower end everywhere: on land that is right.)
+//! - if it falls at once: at least 495 of the latest 500 episodes, all in the later half,
+//!   ended at their first step. For the presets and seeds 0 to 9 (`robust`: 0 and 1) the
+//!   share never exceeds 0.62 in a training that learns (the preset `universal`, in which half
+//!   the seeds learn one medium only), and is 1.00 throughout in the one that does not learn
+//!   (`water` with seed 0, and so `water-to-air`);
+//! - if its actor is saturated: the touchdown angle is within a thousandth of the same end of
+//!   its tanh for every observation of a grid, after 500 episodes of the later half. The slope
+//!   there is below 0.2 %, so no update leads back. (The elongation speed may be at its lower
+//!   end everywhere, which is right on land.)
 
 use super::recent::RecentEpisodes;
 use crate::config::Config;
 use crate::train::Training;
 
-/// Episodes of the later half that are looked at.
+/// Number of latest episodes that are examined.
 const WINDOW: usize = 500;
-/// Of these, over at their first step.
+/// Number of these that ended at their first step in a collapsed training.
 const OVER_AT_ONCE: usize = 495;
-/// Episodes from one look to the next.
+/// Number of episodes between two checks.
 const EVERY: u64 = 100;
-/// Share of its range at which an output counts as saturated.
+/// Share of its range from which an output counts as saturated.
 const SATURATED: f32 = 0.999;
 
-/// A training that collapsed.
+/// A training that no longer learns.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "training collapsed by step {step}: {seen}; take another seed, lower the learning rates, or \
-     let it go on with --allow-collapse"
+    "training collapsed by step {step}: {seen}; take another seed or lower the \
+     learning rates"
 )]
 pub struct CollapseError {
-    /// The environment step.
+    /// Environment step at which it was found, over all stages.
     pub step: u64,
-    /// What was seen.
+    /// The symptom.
     pub seen: Symptom,
 }
 
-/// What a collapse was seen by.
+/// The symptom of a collapse.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Symptom {
-    /// It falls at once.
+    /// Nearly every episode ends at its first step.
     #[error(
         "{over} of the latest {WINDOW} episodes were over at their first step, with a mean reward of {reward:.3}"
     )]
     Falls {
-        /// Episodes.
+        /// Number of episodes that ended at their first step.
         over: usize,
-        /// Mean reward.
+        /// Their mean reward.
         reward: f64,
     },
-    /// The actor is saturated.
+    /// The touchdown angle is at one end of its range; true for the upper end.
     #[error(
         "the actor's touchdown angle is at its {} end whatever the observation",
         if *.0 { "upper" } else { "lower" }
@@ -62,28 +62,28 @@ pub enum Symptom {
     Saturated(bool),
 }
 
-/// Looks for a collapse.
+/// Detects a collapse.
 #[derive(Clone, Debug)]
-pub struct Watch {
-    /// Of the touchdown angle, in unit space: where the actor's output ends.
+pub struct CollapseDetector {
+    /// Largest touchdown angle of the actor, in unit space.
     end: f32,
-    /// Where episodes are one step long, all of them are over at once.
+    /// Whether episodes can be longer than one step; else every episode ends at its first.
     long: bool,
 }
 
-impl Watch {
-    /// For a training with this configuration.
+impl CollapseDetector {
+    /// Creates the detector for a training with this configuration.
     #[must_use]
     pub fn new(config: &Config) -> Self {
         let n = &config.network;
         Self { end: n.output_gain[0].min(n.output_bound), long: config.episode.max_steps > 1 }
     }
 
-    /// After an episode.
+    /// Checks a training after an episode.
     ///
     /// # Errors
-    /// [`CollapseError`] when it is one.
-    pub fn look(
+    /// [`CollapseError`] when the training has collapsed.
+    pub fn check(
         &self,
         training: &mut Training,
         recent: &RecentEpisodes,
@@ -103,7 +103,8 @@ impl Watch {
         }
     }
 
-    /// At which end the touchdown angle always is, if it is: true for the upper.
+    /// Returns the end at which the touchdown angle always is, true for the upper; `None` when
+    /// it varies.
     fn saturated(&self, training: &mut Training) -> Option<bool> {
         let mut ends = Vec::new();
         for vx in [-6.0, -2.0, -0.5, 0.0, 0.5, 2.0, 6.0] {

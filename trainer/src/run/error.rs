@@ -1,78 +1,89 @@
-//! Why a run ends early.
+//! The errors of a training run.
 
 use super::collapse::CollapseError;
 use crate::train::{DivergenceError, StateError};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Why a run ends early.
+/// The purpose of a file that a run writes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Purpose {
+    /// A checkpoint beside the policy.
+    Checkpoint,
+    /// The log.
+    Log,
+    /// TensorBoard events.
+    Events,
+}
+
+/// The reason why a run ends early.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RunError {
-    /// It went to infinity.
+    /// The training diverged.
     #[error(transparent)]
-    DivergenceError(#[from] DivergenceError),
-    /// It does not learn any more.
+    Diverged(#[from] DivergenceError),
+    /// The training collapsed.
     #[error(transparent)]
     Collapsed(#[from] CollapseError),
     /// A file cannot be written.
-    #[error("{}: cannot be written: {cause}; name another place with {option}", path.display())]
+    #[error("{}: cannot be written: {cause}", path.display())]
     Unwritten {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The option that names it.
-        option: &'static str,
-        /// What the system says.
+        /// Purpose of the file.
+        purpose: Purpose,
+        /// Error of the system.
         cause: io::Error,
     },
-    /// Another process has the log.
-    #[error("{}: another training is writing it; end it, or name another file with --log", .0.display())]
+    /// Another process holds the lock of the log.
+    #[error("{}: another training is writing it", .0.display())]
     Busy(PathBuf),
-    /// The log is not the one of the checkpoint.
-    #[error("{}: {what}, so the training cannot go on from its checkpoint; --restart begins anew", path.display())]
+    /// The log does not belong to the checkpoint.
+    #[error("{}: {what}, so the training cannot resume from its checkpoint", path.display())]
     Log {
-        /// The file.
+        /// Path of the log.
         path: PathBuf,
-        /// What is wrong.
+        /// What is wrong with it.
         what: String,
     },
-    /// A file is no checkpoint to go on from.
-    #[error("{}: {what}; --restart begins anew", path.display())]
+    /// A file is not a checkpoint that can be resumed.
+    #[error("{}: {what}", path.display())]
     Checkpoint {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What is wrong.
+        /// What is wrong with it.
         what: String,
     },
-    /// A checkpoint contradicts itself.
-    #[error("{}: {cause}; --restart begins anew", path.display())]
-    StateError {
-        /// The file.
+    /// The state in a checkpoint does not fit its configuration.
+    #[error("{}: {cause}", path.display())]
+    State {
+        /// Path of the checkpoint.
         path: PathBuf,
-        /// How.
+        /// The part that does not fit.
         cause: StateError,
     },
 }
 
 impl RunError {
-    /// Whether what was given cannot be used, rather than that something failed.
+    /// Whether the input is at fault, rather than the system or the training.
     #[must_use]
     pub fn is_input(&self) -> bool {
-        matches!(self, Self::Log { .. } | Self::Checkpoint { .. } | Self::StateError { .. })
+        matches!(self, Self::Log { .. } | Self::Checkpoint { .. } | Self::State { .. })
     }
 
-    /// Whether the training itself is over: going on from its checkpoint would end here again.
+    /// Whether resuming from the checkpoint would end the same way.
     #[must_use]
     pub fn ends_the_training(&self) -> bool {
-        matches!(self, Self::DivergenceError(_) | Self::Collapsed(_))
+        matches!(self, Self::Diverged(_) | Self::Collapsed(_))
     }
 
-    /// For `map_err`: a file that an option names cannot be written.
+    /// Returns a function for `map_err` that makes an error of a file that cannot be written.
     pub(super) fn unwritten(
         path: &Path,
-        option: &'static str,
+        purpose: Purpose,
     ) -> impl FnOnce(io::Error) -> Self + use<> {
         let path = path.to_owned();
-        move |cause| Self::Unwritten { path, option, cause }
+        move |cause| Self::Unwritten { path, purpose, cause }
     }
 }

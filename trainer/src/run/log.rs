@@ -1,7 +1,7 @@
-//! The log: a CSV row for every episode, under a name of its own until the
-//! training is over.
+//! The log: a CSV file with a row for every episode, under a temporary name until the training
+//! is complete.
 
-use super::error::RunError;
+use super::error::{Purpose, RunError};
 use super::with_suffix;
 use crate::train::EpisodeRecord;
 use crc::{CRC_32_ISO_HDLC, Crc, Digest, Table};
@@ -12,23 +12,23 @@ use std::path::{Path, PathBuf};
 
 static CRC: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISO_HDLC);
 
-/// How far the log was.
+/// The length of a log and the checksum of its content.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LogPosition {
-    /// Bytes.
+    /// Length, bytes.
     pub length: u64,
-    /// CRC-32 of these.
+    /// CRC-32 of these bytes.
     pub crc32: u32,
 }
 
-/// The log under way, locked against a second training.
+/// An open log, locked against a second training.
 pub struct Log {
     rows: csv::Writer<Counted>,
     path: PathBuf,
     part: PathBuf,
 }
 
-/// A file, and what is in it so far.
+/// A file with its length and checksum so far.
 struct Counted {
     file: File,
     length: u64,
@@ -48,18 +48,18 @@ impl Write for Counted {
     }
 }
 
-/// The log until it is whole.
+/// Returns the temporary name of a log.
 fn part(path: &Path) -> PathBuf {
     with_suffix(path, ".part")
 }
 
 impl Log {
-    /// An empty log.
+    /// Creates an empty log.
     ///
     /// # Errors
-    /// When it cannot be written, or another training is writing it.
+    /// [`RunError`] when it cannot be written, or another training holds its lock.
     pub fn begin(path: &Path) -> Result<Self, RunError> {
-        let unwritten = || RunError::unwritten(path, "--log");
+        let unwritten = || RunError::unwritten(path, Purpose::Log);
         if path.is_dir() {
             return Err(unwritten()(io::ErrorKind::IsADirectory.into()));
         }
@@ -71,13 +71,15 @@ impl Log {
         Ok(Self::new(path, part, file, 0, CRC.digest()))
     }
 
-    /// The log of a checkpoint, cut to where that was.
+    /// Opens the log of a checkpoint and cuts it to the checkpoint's length.
     ///
     /// # Errors
-    /// When it is not there or not the same, or another training is writing it.
-    pub fn resume(path: &Path, mark: LogPosition) -> Result<Self, RunError> {
+    /// [`RunError`] when it does not exist or has other content, or another training holds its
+    /// lock.
+    pub fn resume(path: &Path, position: LogPosition) -> Result<Self, RunError> {
         let part = part(path);
-        // Killed after the log got its name, before the checkpoint was gone.
+        // The process may have been killed after the rename and before the checkpoint was
+        // removed.
         let from = if part.exists() || !path.exists() { part.clone() } else { path.to_owned() };
         let wrong = |what: String| RunError::Log { path: from.clone(), what };
         let open = File::options().read(true).write(true).open(&from);
@@ -85,26 +87,26 @@ impl Log {
         lock(&file, &from)?;
         let mut digest = CRC.digest();
         let mut bytes = Vec::new();
-        let read = (&file).take(mark.length).read_to_end(&mut bytes);
+        let read = (&file).take(position.length).read_to_end(&mut bytes);
         read.map_err(|e| wrong(format!("the log cannot be read ({e})")))?;
-        if (bytes.len() as u64) < mark.length {
+        if (bytes.len() as u64) < position.length {
             let what = "the log has only";
-            return Err(wrong(format!("{what} {} bytes of {}", bytes.len(), mark.length)));
+            return Err(wrong(format!("{what} {} bytes of {}", bytes.len(), position.length)));
         }
         digest.update(&bytes);
         let crc32 = digest.clone().finalize();
-        if crc32 != mark.crc32 {
+        if crc32 != position.crc32 {
             let what = "this is another log: its checksum is";
-            return Err(wrong(format!("{what} {crc32:08x}, expected {:08x}", mark.crc32)));
+            return Err(wrong(format!("{what} {crc32:08x}, expected {:08x}", position.crc32)));
         }
-        let unwritten = || RunError::unwritten(path, "--log");
+        let unwritten = || RunError::unwritten(path, Purpose::Log);
         if from != part {
             fs::rename(&from, &part).map_err(unwritten())?;
         }
-        file.set_len(mark.length)
-            .and_then(|()| file.seek(SeekFrom::Start(mark.length)))
+        file.set_len(position.length)
+            .and_then(|()| file.seek(SeekFrom::Start(position.length)))
             .map_err(unwritten())?;
-        Ok(Self::new(path, part, file, mark.length, digest))
+        Ok(Self::new(path, part, file, position.length, digest))
     }
 
     fn new(
@@ -122,48 +124,48 @@ impl Log {
         Self { rows, path: path.into(), part }
     }
 
-    /// The name that it will have.
+    /// Returns the final name.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// One more row.
+    /// Writes a row.
     ///
     /// # Errors
-    /// When it cannot be written.
+    /// [`RunError`] when the file cannot be written.
     pub fn write(&mut self, record: &EpisodeRecord) -> Result<(), RunError> {
-        let unwritten = RunError::unwritten(&self.part, "--log");
+        let unwritten = RunError::unwritten(&self.part, Purpose::Log);
         self.rows.serialize(record).map_err(|e| unwritten(e.into()))
     }
 
-    /// How far it is, with all of it in the file.
+    /// Flushes the file and returns its length and checksum.
     ///
     /// # Errors
-    /// When it cannot be written.
-    pub fn mark(&mut self) -> Result<LogPosition, RunError> {
-        let unwritten = RunError::unwritten(&self.part, "--log");
+    /// [`RunError`] when the file cannot be written.
+    pub fn position(&mut self) -> Result<LogPosition, RunError> {
+        let unwritten = RunError::unwritten(&self.part, Purpose::Log);
         let flushed = self.rows.flush();
         let counted = self.rows.get_ref();
         flushed.and_then(|()| counted.file.sync_data()).map_err(unwritten)?;
         Ok(LogPosition { length: counted.length, crc32: counted.digest.clone().finalize() })
     }
 
-    /// Gives it its name: the training is over.
+    /// Renames the log of a completed training to its final name.
     ///
     /// # Errors
-    /// When it cannot be written.
+    /// [`RunError`] when the file cannot be written or renamed.
     pub fn finish(&mut self) -> Result<(), RunError> {
-        self.mark()?;
-        // A link is followed to what it leads to.
+        self.position()?;
+        // A symbolic link keeps pointing to the log.
         let path = fs::canonicalize(&self.path).unwrap_or_else(|_| self.path.clone());
-        fs::rename(&self.part, path).map_err(RunError::unwritten(&self.path, "--log"))
+        fs::rename(&self.part, path).map_err(RunError::unwritten(&self.path, Purpose::Log))
     }
 }
 
 fn lock(file: &File, path: &Path) -> Result<(), RunError> {
     match file.try_lock() {
-        // Where files cannot be locked, they are not.
+        // Some file systems have no locks; the log is then not protected.
         Ok(()) | Err(TryLockError::Error(_)) => Ok(()),
         Err(TryLockError::WouldBlock) => Err(RunError::Busy(path.into())),
     }

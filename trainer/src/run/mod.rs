@@ -1,16 +1,15 @@
-//! A training that can be trusted: driven to its end with a log, checkpoints,
-//! progress, and a watch over whether it still learns.
+//! A training run: a training with its log, checkpoints, progress and collapse detection.
 //!
-//! What is there while it runs, beside the policy `X.bin` to be:
+//! While it runs, these files are beside the policy `X.bin` to be written:
 //!
-//! | file | |
+//! | file | content |
 //! |---|---|
-//! | `X.csv.part` | the log so far; `X.csv` when the training is over |
-//! | `X.bin.checkpoint` | the latest [checkpoint](Checkpoint); gone when the policy is written |
-//! | `X.bin.checkpoint.part` | a checkpoint being written |
+//! | `X.csv.part` | the log so far; renamed to `X.csv` when the training is complete |
+//! | `X.bin.checkpoint` | the latest [checkpoint](Checkpoint); removed when the policy is written |
+//! | `X.bin.checkpoint.part` | a checkpoint that is being written |
 //!
-//! A process that is killed leaves these. A checkpoint knows how long the log was,
-//! so that the log is cut to where the training goes on.
+//! A process that is killed leaves these. A checkpoint holds the length of the log, so that
+//! the log is cut to where the training resumes.
 
 pub mod checkpoint;
 pub mod collapse;
@@ -24,7 +23,7 @@ use crate::config::Config;
 use crate::simd::Isa;
 use crate::train::{EpisodeRecord, Training};
 use checkpoint::{Checkpoint, CheckpointWriter};
-use collapse::Watch;
+use collapse::CollapseDetector;
 use error::RunError;
 use leg_process::Stop;
 use log::Log;
@@ -35,54 +34,54 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tensorboard::EventWriter;
 
-/// Where a run writes and what it says.
+/// The files and options of a run.
 #[derive(Clone, Debug)]
 pub struct RunOptions {
-    /// The policy to be.
+    /// Path of the policy file.
     pub out: PathBuf,
-    /// The log to be.
+    /// Path of the log, a CSV file.
     pub log: PathBuf,
-    /// Folder of TensorBoard event files.
+    /// Folder for TensorBoard event files.
     pub tensorboard: Option<PathBuf>,
     /// Time between checkpoints; `None` for none.
     pub checkpoint_every: Option<Duration>,
-    /// Nothing is said of the progress.
+    /// Whether to suppress progress output.
     pub quiet: bool,
-    /// A collapsed training goes on.
+    /// Whether to continue a training that has collapsed.
     pub allow_collapse: bool,
 }
 
-/// A training with all that goes with it.
+/// A running training with its files.
 pub struct Run {
     training: Training,
     log: Log,
     checkpoints: CheckpointWriter,
-    board: Option<EventWriter>,
+    events: Option<EventWriter>,
     recent: RecentEpisodes,
-    watch: Option<Watch>,
+    detector: Option<CollapseDetector>,
     progress: Progress,
 }
 
-/// How driving a training ended.
+/// How a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RunEnd {
-    /// It is over.
+    /// All stages are complete.
     Done,
-    /// A signal asked to stop.
+    /// A signal stopped the run.
     Stopped,
 }
 
-/// What is left to do when the policy is written.
+/// The files to close when the policy is written.
 pub struct PendingFinish {
     log: Log,
     checkpoints: CheckpointWriter,
 }
 
 impl Run {
-    /// From the first step.
+    /// Begins a training at its first step.
     ///
     /// # Errors
-    /// When a file cannot be written.
+    /// [`RunError`] when a file cannot be written.
     pub fn begin(
         config: Config,
         seed: u64,
@@ -92,16 +91,16 @@ impl Run {
         let log = Log::begin(&options.log)?;
         let training = Training::new(config, seed, isa);
         let mut run = Self::new(training, RecentEpisodes::default(), log, options)?;
-        // From here on it can be resumed, and an old checkpoint is no more.
+        // From here on the run can be resumed; a checkpoint of an older run must not remain.
         run.checkpoints.remove()?;
         run.checkpoint()?;
         Ok(run)
     }
 
-    /// From a checkpoint.
+    /// Resumes a training from a checkpoint.
     ///
     /// # Errors
-    /// When the checkpoint does not fit its configuration or the log, or a file
+    /// [`RunError`] when the checkpoint does not fit its configuration or the log, or a file
     /// cannot be written.
     pub fn resume(
         checkpoint: Checkpoint,
@@ -112,7 +111,7 @@ impl Run {
         let config = checkpoint.config(&path)?;
         let log = Log::resume(&options.log, checkpoint.log)?;
         let training = Training::from_state(config, checkpoint.seed, isa, checkpoint.training)
-            .map_err(|cause| RunError::StateError { path, cause })?;
+            .map_err(|cause| RunError::State { path, cause })?;
         Self::new(training, checkpoint.recent, log, options)
     }
 
@@ -122,37 +121,37 @@ impl Run {
         log: Log,
         options: &RunOptions,
     ) -> Result<Self, RunError> {
-        let board =
+        let events =
             options.tensorboard.as_ref().map(|folder| EventWriter::begin(folder, &training));
         Ok(Self {
-            board: board.transpose()?,
+            events: events.transpose()?,
             log,
             checkpoints: CheckpointWriter::new(&options.out, options.checkpoint_every),
             progress: Progress::new(&training, options.quiet),
-            watch: (!options.allow_collapse).then(|| Watch::new(training.config())),
+            detector: (!options.allow_collapse).then(|| CollapseDetector::new(training.config())),
             training,
             recent,
         })
     }
 
-    /// What is trained.
+    /// Returns the training.
     #[must_use]
     pub fn training(&self) -> &Training {
         &self.training
     }
 
-    /// To the end, or until a signal. A training that diverges or collapses leaves
-    /// its whole log and no checkpoint.
+    /// Trains until all stages are complete or a signal arrives. A training that diverges or
+    /// collapses leaves its whole log and no checkpoint.
     ///
     /// # Errors
-    /// When it diverges or collapses, or a file cannot be written.
+    /// [`RunError`] when it diverges or collapses, or a file cannot be written.
     pub fn learn(&mut self, stop: &Stop) -> Result<RunEnd, RunError> {
-        let learnt = self.episodes(stop);
-        self.progress.end();
-        if let Some(board) = &mut self.board {
-            board.flush()?;
+        let end = self.episodes(stop);
+        self.progress.finish();
+        if let Some(events) = &mut self.events {
+            events.flush()?;
         }
-        if let Err(error) = learnt {
+        if let Err(error) = end {
             if error.ends_the_training() {
                 self.log.finish()?;
                 self.checkpoints.remove()?;
@@ -160,15 +159,15 @@ impl Run {
             return Err(error);
         }
         self.checkpoint()?;
-        learnt
+        end
     }
 
     fn episodes(&mut self, stop: &Stop) -> Result<RunEnd, RunError> {
         while !stop.is_raised() {
             let Some(record) = self.training.episode()? else { return Ok(RunEnd::Done) };
-            self.tell(&record)?;
-            if let Some(watch) = &self.watch {
-                watch.look(&mut self.training, &self.recent)?;
+            self.record(&record)?;
+            if let Some(detector) = &self.detector {
+                detector.check(&mut self.training, &self.recent)?;
             }
             if self.checkpoints.is_due() {
                 self.checkpoint()?;
@@ -177,24 +176,24 @@ impl Run {
         Ok(RunEnd::Stopped)
     }
 
-    fn tell(&mut self, record: &EpisodeRecord) -> Result<(), RunError> {
+    fn record(&mut self, record: &EpisodeRecord) -> Result<(), RunError> {
         let full = record.steps >= self.training.config().episode.max_steps;
         self.recent.push(record, full, self.training.share_of_stage());
         self.log.write(record)?;
-        self.progress.tell(&self.training, &self.recent);
-        match &mut self.board {
-            Some(board) => board.tell(record, &self.training, &self.recent),
+        self.progress.report(&self.training, &self.recent);
+        match &mut self.events {
+            Some(events) => events.record(record, &self.training, &self.recent),
             None => Ok(()),
         }
     }
 
     fn checkpoint(&mut self) -> Result<(), RunError> {
-        if !self.checkpoints.keeps() {
+        if !self.checkpoints.is_enabled() {
             return Ok(());
         }
-        let log = self.log.mark()?;
-        if let Some(board) = &mut self.board {
-            board.flush()?;
+        let log = self.log.position()?;
+        if let Some(events) = &mut self.events {
+            events.flush()?;
         }
         self.checkpoints.write(&Checkpoint::new(
             &self.training,
@@ -204,7 +203,7 @@ impl Run {
         ))
     }
 
-    /// The training, and what is left to do when its policy is written.
+    /// Returns the training, and the files to close when its policy is written.
     #[must_use]
     pub fn close(self) -> (Training, PendingFinish) {
         (self.training, PendingFinish { log: self.log, checkpoints: self.checkpoints })
@@ -212,17 +211,17 @@ impl Run {
 }
 
 impl PendingFinish {
-    /// The policy is written: the log gets its name, the checkpoint goes.
+    /// Renames the log and removes the checkpoint. Call this after the policy is written.
     ///
     /// # Errors
-    /// When that cannot be done.
+    /// [`RunError`] when a file cannot be renamed or removed.
     pub fn close(mut self) -> Result<(), RunError> {
         self.log.finish()?;
         self.checkpoints.remove()
     }
 }
 
-/// A path with more at its end.
+/// Appends a suffix to a path.
 fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
     let mut name = OsString::from(path);
     name.push(suffix);

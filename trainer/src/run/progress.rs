@@ -1,4 +1,4 @@
-//! How far a training is: a bar on a terminal, a line now and then elsewhere.
+//! Progress output: a bar on a terminal, a line every ten seconds elsewhere.
 
 use super::recent::RecentEpisodes;
 use crate::train::Training;
@@ -6,21 +6,21 @@ use indicatif::{ProgressBar, ProgressStyle};
 use std::io::{IsTerminal, stderr};
 use std::time::{Duration, Instant};
 
-/// The bar counts in thousandths.
+/// Steps of the whole bar.
 const BAR: f64 = 1000.0;
-/// From one text on the bar to the next.
+/// Time between two updates of the bar.
 const TEXT_EVERY: Duration = Duration::from_millis(250);
-/// From one line to the next.
+/// Time between two lines.
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
-/// Says how far a training is, on stderr.
+/// Prints the progress of a training to the standard error.
 pub struct Progress {
     shown: Shown,
     began: Instant,
-    /// Share done when this process began.
+    /// Completed share of the training when this process began.
     share: f64,
     last: Instant,
-    /// Updates at `last`.
+    /// Number of updates at `last`.
     updates: u64,
 }
 
@@ -31,7 +31,7 @@ enum Shown {
 }
 
 impl Progress {
-    /// At the beginning of a process.
+    /// Begins the output of this process. `quiet` suppresses it.
     #[must_use]
     pub fn new(training: &Training, quiet: bool) -> Self {
         let shown = if quiet {
@@ -48,8 +48,8 @@ impl Progress {
         Self { shown, began: now, share, last: now, updates }
     }
 
-    /// After an episode.
-    pub fn tell(&mut self, training: &Training, recent: &RecentEpisodes) {
+    /// Reports an episode. Prints at most once in each period.
+    pub fn report(&mut self, training: &Training, recent: &RecentEpisodes) {
         let every = match self.shown {
             Shown::Bar(_) => TEXT_EVERY,
             Shown::Lines => LINE_EVERY,
@@ -91,8 +91,8 @@ impl Progress {
         }
     }
 
-    /// At the end.
-    pub fn end(&self) {
+    /// Removes the bar.
+    pub fn finish(&self) {
         if let Shown::Bar(bar) = &self.shown {
             bar.finish_and_clear();
         }

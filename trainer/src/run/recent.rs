@@ -1,13 +1,13 @@
-//! The latest episodes.
+//! Statistics of the latest episodes.
 
 use crate::train::EpisodeRecord;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
-/// Episodes that count as the latest.
+/// Number of episodes in the statistics.
 const LATEST: usize = 1000;
 
-/// What is remembered of an episode.
+/// The record of one episode.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Episode {
     steps: u32,
@@ -20,13 +20,13 @@ struct Episode {
 pub struct RecentEpisodes {
     episodes: VecDeque<Episode>,
     stage: usize,
-    /// Episodes so far in the later half of the present stage.
+    /// Number of episodes so far in the later half of the present stage.
     late: u64,
 }
 
 impl RecentEpisodes {
-    /// One more episode, that left its stage done by `share`. `full`: as long as
-    /// an episode can be.
+    /// Adds an episode. `full` is whether it reached the largest number of steps, `share` the
+    /// completed share of its stage after it.
     pub fn push(&mut self, record: &EpisodeRecord, full: bool, share: f64) {
         if self.episodes.len() == LATEST {
             self.episodes.pop_front();
@@ -43,26 +43,26 @@ impl RecentEpisodes {
         self.episodes.iter().map(of).sum::<f64>() / self.episodes.len().max(1) as f64
     }
 
-    /// Mean of the rewards.
+    /// Returns the mean reward.
     #[must_use]
     pub fn reward(&self) -> f64 {
         self.mean(|e| e.reward)
     }
 
-    /// Share of episodes as long as they can be.
+    /// Returns the share of episodes that reached the largest number of steps.
     #[must_use]
     pub fn full(&self) -> f64 {
         self.mean(|e| f64::from(u8::from(e.full)))
     }
 
-    /// Episodes so far in the later half of the present stage.
+    /// Returns the number of episodes so far in the later half of the present stage.
     #[must_use]
     pub fn late(&self) -> u64 {
         self.late
     }
 
-    /// Of the latest `count` episodes: how many were over at their first step, and
-    /// the mean reward.
+    /// Returns how many of the latest `count` episodes ended at their first step, and their
+    /// mean reward.
     #[must_use]
     pub fn over_at_once(&self, count: usize) -> (usize, f64) {
         let latest = || self.episodes.iter().rev().take(count);

@@ -1,15 +1,14 @@
 //! TensorBoard event files: `TFRecord` frames of protobuf events.
 //!
-//! The step of every event is the environment step, over all stages. A process
-//! writes one file, which begins with a session start at its first step:
-//! TensorBoard then drops what an earlier file has from that step on, so that a
-//! training that was killed and went on from a checkpoint shows no step twice.
+//! The step of an event is the environment step over all stages. Each process writes one file,
+//! which begins with a session start at its first step. From that step on TensorBoard drops the
+//! events of earlier files, so a training that was killed and resumed shows no step twice.
 //!
-//! Frame: length u64, masked CRC-32C of it, the event, masked CRC-32C of it; little-endian.
-//! Fields as in `tensorflow/core/util/event.proto` and `framework/summary.proto`;
-//! only those used here.
+//! A frame is the length (u64), its masked CRC-32C, the event, and its masked CRC-32C,
+//! little-endian. The fields are those of `tensorflow/core/util/event.proto` and
+//! `framework/summary.proto` that are used here.
 
-use super::error::RunError;
+use super::error::{Purpose, RunError};
 use super::recent::RecentEpisodes;
 use crate::evaluate::DENSITIES;
 use crate::evaluate::selection::Evaluation;
@@ -23,12 +22,12 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 static CRC: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISCSI);
 const FILE_VERSION: &str = "brain.Event:2";
-/// Time from one figure of the speed to the next.
+/// Time between two measurements of the speed.
 const SPEED_EVERY: Duration = Duration::from_secs(1);
-/// Time after which what was written can be seen.
+/// Time between two flushes of the file.
 const FLUSH_EVERY: Duration = Duration::from_secs(5);
 
-/// One event.
+/// An event.
 #[derive(Clone, PartialEq, Message)]
 pub struct Event {
     /// Seconds since 1970.
@@ -37,38 +36,38 @@ pub struct Event {
     /// Environment step.
     #[prost(int64, tag = "2")]
     pub step: i64,
-    /// Of the first event of a file.
+    /// Version of the file format, in the first event of a file.
     #[prost(string, optional, tag = "3")]
     pub file_version: Option<String>,
-    /// Figures and texts.
+    /// Scalars and texts of this step.
     #[prost(message, optional, tag = "5")]
     pub summary: Option<Summary>,
-    /// That a session starts.
+    /// State of the session.
     #[prost(message, optional, tag = "7")]
     pub session_log: Option<SessionLog>,
 }
 
-/// Figures and texts of one step.
+/// The scalars and texts of one step.
 #[derive(Clone, PartialEq, Message)]
 pub struct Summary {
-    /// Each by its tag.
+    /// Values, each with its tag.
     #[prost(message, repeated, tag = "1")]
     pub value: Vec<Value>,
 }
 
-/// A figure or a text.
+/// A scalar or a text.
 #[derive(Clone, PartialEq, Message)]
 pub struct Value {
-    /// What it is called.
+    /// Name of the value.
     #[prost(string, tag = "1")]
     pub tag: String,
-    /// A figure.
+    /// The scalar.
     #[prost(float, optional, tag = "2")]
     pub simple_value: Option<f32>,
-    /// A text.
+    /// The text.
     #[prost(message, optional, tag = "8")]
     pub tensor: Option<Tensor>,
-    /// What the tensor is.
+    /// Description of the tensor.
     #[prost(message, optional, tag = "9")]
     pub metadata: Option<Metadata>,
 }
@@ -76,26 +75,26 @@ pub struct Value {
 /// A tensor of one string.
 #[derive(Clone, PartialEq, Message)]
 pub struct Tensor {
-    /// 7 for strings.
+    /// Type of the elements: 7 for strings.
     #[prost(int32, tag = "1")]
     pub dtype: i32,
-    /// Its string.
+    /// The string.
     #[prost(bytes = "vec", repeated, tag = "8")]
     pub string_val: Vec<Vec<u8>>,
 }
 
-/// What a tensor is.
+/// The description of a tensor.
 #[derive(Clone, PartialEq, Message)]
 pub struct Metadata {
-    /// What shows it.
+    /// The plugin that displays the tensor.
     #[prost(message, optional, tag = "1")]
     pub plugin_data: Option<Plugin>,
 }
 
-/// What shows a tensor.
+/// The plugin that displays a tensor.
 #[derive(Clone, PartialEq, Message)]
 pub struct Plugin {
-    /// Such as `text`.
+    /// Name of the plugin, such as `text`.
     #[prost(string, tag = "1")]
     pub plugin_name: String,
 }
@@ -103,30 +102,30 @@ pub struct Plugin {
 /// The state of a session.
 #[derive(Clone, Copy, PartialEq, Eq, Message)]
 pub struct SessionLog {
-    /// 1 for a start.
+    /// State: 1 for a start.
     #[prost(int32, tag = "1")]
     pub status: i32,
 }
 
-/// Writes the events of a training.
+/// Writes the events of a training to a file.
 pub struct EventWriter {
     file: BufWriter<File>,
     path: PathBuf,
     flushed: Instant,
-    /// When the speed was last told, and updates done then.
+    /// Time and number of updates of the latest speed measurement.
     speed: (Instant, u64),
-    /// Step of the evaluation last told.
+    /// Environment step of the latest evaluation that was written.
     evaluated: u64,
 }
 
 impl EventWriter {
-    /// A new file in a folder, which is made where there is none.
+    /// Creates a new file in `folder`, and the folder where it does not exist.
     ///
     /// # Errors
-    /// When it cannot be written.
+    /// [`RunError`] when the file cannot be written.
     pub fn begin(folder: &Path, training: &Training) -> Result<Self, RunError> {
         let now = since_1970();
-        // The order of the names is that of the files.
+        // The alphabetical order of the names is the order of the files in time.
         let name = format!(
             "events.out.tfevents.{:010}.{:09}.trainer.{}",
             now.as_secs(),
@@ -138,7 +137,7 @@ impl EventWriter {
             create_dir_all(folder)?;
             File::create_new(&path)
         };
-        let file = make().map_err(RunError::unwritten(folder, "--tensorboard"))?;
+        let file = make().map_err(RunError::unwritten(folder, Purpose::Events))?;
         let mut board = Self {
             file: BufWriter::new(file),
             flushed: Instant::now(),
@@ -149,7 +148,7 @@ impl EventWriter {
         let steps = training.total_steps();
         let version = Some(FILE_VERSION.into());
         board.write(Event { file_version: version, ..Event::default() })?;
-        // What was logged at the step of the checkpoint itself stays.
+        // The events at the checkpoint's own step stay.
         let first = if steps == 0 { 0 } else { steps.cast_signed() + 1 };
         let start = Some(SessionLog { status: 1 });
         board.write(Event { step: first, session_log: start, ..Event::default() })?;
@@ -165,11 +164,11 @@ impl EventWriter {
         Ok(board)
     }
 
-    /// After an episode.
+    /// Writes the events of an episode.
     ///
     /// # Errors
-    /// When it cannot be written.
-    pub fn tell(
+    /// [`RunError`] when the file cannot be written.
+    pub fn record(
         &mut self,
         record: &EpisodeRecord,
         training: &Training,
@@ -197,19 +196,19 @@ impl EventWriter {
             && evaluation.score.steps != self.evaluated
         {
             self.evaluated = evaluation.score.steps;
-            values.extend(seen(evaluation));
+            values.extend(evaluation_values(evaluation));
         }
         self.values(record.total_steps, values)?;
         if self.flushed.elapsed() >= FLUSH_EVERY { self.flush() } else { Ok(()) }
     }
 
-    /// So that what was told can be seen.
+    /// Flushes the file.
     ///
     /// # Errors
-    /// When it cannot be written.
+    /// [`RunError`] when the file cannot be written.
     pub fn flush(&mut self) -> Result<(), RunError> {
         self.flushed = Instant::now();
-        self.file.flush().map_err(RunError::unwritten(&self.path, "--tensorboard"))
+        self.file.flush().map_err(RunError::unwritten(&self.path, Purpose::Events))
     }
 
     fn values(&mut self, step: u64, value: Vec<Value>) -> Result<(), RunError> {
@@ -220,11 +219,11 @@ impl EventWriter {
     fn write(&mut self, event: Event) -> Result<(), RunError> {
         let event = Event { wall_time: since_1970().as_secs_f64(), ..event };
         frame(&mut self.file, &event.encode_to_vec())
-            .map_err(RunError::unwritten(&self.path, "--tensorboard"))
+            .map_err(RunError::unwritten(&self.path, Purpose::Events))
     }
 }
 
-/// One record of a `TFRecord` file.
+/// Writes one record of a `TFRecord` file.
 fn frame(to: &mut impl Write, record: &[u8]) -> io::Result<()> {
     let length = (record.len() as u64).to_le_bytes();
     to.write_all(&length)?;
@@ -233,7 +232,8 @@ fn frame(to: &mut impl Write, record: &[u8]) -> io::Result<()> {
     to.write_all(&masked(record).to_le_bytes())
 }
 
-/// CRC-32C, masked so that a record that holds records does not look like one.
+/// Returns the CRC-32C, masked so that the checksum of a record that contains records differs
+/// from theirs.
 #[must_use]
 pub fn masked(bytes: &[u8]) -> u32 {
     CRC.checksum(bytes).rotate_right(15).wrapping_add(0xa282_ead8)
@@ -257,7 +257,7 @@ fn text(tag: &str, text: &str) -> Value {
     }
 }
 
-fn seen(evaluation: &Evaluation) -> Vec<Value> {
+fn evaluation_values(evaluation: &Evaluation) -> Vec<Value> {
     let mut values = vec![scalar("evaluation/cost", evaluation.score.cost)];
     for (rho, result) in DENSITIES.iter().zip(&evaluation.results) {
         values.push(scalar(&format!("evaluation/survive30/{rho}"), result.survive30));

@@ -1,13 +1,13 @@
 //! Vectors of `f32`, and the choice of the instruction set at run time.
 //!
-//! Numerical code is written once, generic over [`Simd`], and compiled for each
-//! [`Isa`]. Every operation here is one IEEE operation per lane, in the order
-//! written, never contracted to a fused multiply-add: the results are the same
-//! bits on every instruction set, so a seed gives the same policy everywhere.
+//! Numerical code is written once, generic over [`Simd`], and compiled for each [`Isa`]. Every
+//! operation is one IEEE operation per lane, in the order written, and never contracted to a
+//! fused multiply-add. So every instruction set gives the same bits, and a seed gives the same
+//! policy everywhere.
 //!
-//! A vector can only be made from the token of its instruction set, and the
-//! token only by [`dispatch`] after the CPU was asked. So the rest of the crate
-//! is safe code, and `x86` is the one module with `unsafe` in it.
+//! A vector can only be created from the token of its instruction set, and only [`dispatch`]
+//! creates tokens, after it has checked the CPU. So the rest of the crate is safe code, and
+//! `x86` is the only module with `unsafe`.
 
 mod portable;
 #[cfg(target_arch = "x86_64")]
@@ -16,7 +16,7 @@ mod x86;
 /// An instruction set that kernels are compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Isa {
-    /// What the compilation target guarantees.
+    /// The instructions that the compilation target guarantees.
     Baseline,
     /// AVX2: 16 registers of 8 lanes.
     Avx2,
@@ -28,13 +28,13 @@ impl Isa {
     /// Every instruction set, the narrowest first.
     pub const ALL: [Self; 3] = [Self::Baseline, Self::Avx2, Self::Avx512];
 
-    /// The widest that this CPU has.
+    /// Returns the widest instruction set of this CPU.
     #[must_use]
     pub fn best() -> Self {
         Self::ALL.into_iter().rfind(|isa| isa.available()).unwrap_or(Self::Baseline)
     }
 
-    /// Whether this CPU (and the operating system) has it.
+    /// Whether this CPU and the operating system support it.
     #[must_use]
     pub fn available(self) -> bool {
         match self {
@@ -51,7 +51,7 @@ impl Isa {
         }
     }
 
-    /// Its name, for reports.
+    /// Returns its name, for reports.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -64,9 +64,9 @@ impl Isa {
 
 /// An instruction set's vectors, and how many of them its registers hold.
 pub trait Simd: Copy {
-    /// Eight lanes.
+    /// A vector of eight lanes.
     type V8: Sum<Token = Self>;
-    /// Sixteen lanes.
+    /// A vector of sixteen lanes.
     type V16: Sum<Token = Self>;
     /// The columns of a tile of the matrix product.
     type Wide: Vector<Token = Self>;
@@ -74,53 +74,59 @@ pub trait Simd: Copy {
     const MANY_REGISTERS: bool;
 }
 
-/// A vector of `f32`. Holding one proves that the CPU has its instruction set.
+/// A vector of `f32`. A value proves that the CPU has its instruction set.
 ///
-/// Comparisons follow x86: where an operand is not a number, the second is taken.
+/// Comparisons follow x86: where an operand is NaN, the result is the second operand.
 pub trait Vector: Copy {
-    /// The instruction set that it needs.
+    /// Token of the instruction set.
     type Token: Simd;
-    /// Lanes.
+    /// Number of lanes.
     const LANES: usize;
-    /// `x` in every lane.
+    /// Returns a vector with `x` in every lane.
     fn splat(token: Self::Token, x: f32) -> Self;
-    /// The first lanes of `from`, which must have as many.
+    /// Loads the first lanes of `from`.
+    ///
+    /// # Panics
+    /// If `from` has fewer numbers than lanes.
     fn load(token: Self::Token, from: &[f32]) -> Self;
-    /// Writes the lanes over the first of `to`, which must have as many.
+    /// Stores the lanes over the first numbers of `to`.
+    ///
+    /// # Panics
+    /// If `to` has fewer numbers than lanes.
     fn store(self, to: &mut [f32]);
-    /// `self + other`.
+    /// Returns `self + other`.
     #[must_use]
     fn add(self, other: Self) -> Self;
-    /// `self - other`.
+    /// Returns `self - other`.
     #[must_use]
     fn sub(self, other: Self) -> Self;
-    /// `self * other`.
+    /// Returns `self * other`.
     #[must_use]
     fn mul(self, other: Self) -> Self;
-    /// `self / other`.
+    /// Returns `self / other`.
     #[must_use]
     fn div(self, other: Self) -> Self;
-    /// The square root.
+    /// Returns the square root.
     #[must_use]
     fn sqrt(self) -> Self;
-    /// `if self > other { self } else { other }`.
+    /// Returns `if self > other { self } else { other }`.
     #[must_use]
     fn max(self, other: Self) -> Self;
-    /// `if self < other { self } else { other }`.
+    /// Returns `if self < other { self } else { other }`.
     #[must_use]
     fn min(self, other: Self) -> Self;
-    /// `self` where `gate` is above zero, else 0.
+    /// Returns `self` where `gate` is above zero, else 0.
     #[must_use]
     fn where_positive(self, gate: Self) -> Self;
 }
 
-/// A vector whose lanes can be added up.
+/// A vector whose lanes can be summed.
 pub trait Sum: Vector {
-    /// The sum of the lanes: the upper half is added to the lower, until one is left.
+    /// Returns the sum of the lanes: the upper half is added to the lower until one is left.
     fn sum(self) -> f32;
 }
 
-/// Two vectors side by side.
+/// Two vectors, used as one of twice the width.
 #[derive(Clone, Copy, Debug)]
 pub struct Pair<A, B>(A, B);
 
@@ -182,12 +188,12 @@ impl<V: Sum> Sum for Pair<V, V> {
     }
 }
 
-/// Numerical code to be run under an instruction set.
+/// Numerical code that runs under an instruction set.
 pub trait Kernel {
-    /// What it gives.
+    /// The result of the code.
     type Output;
-    /// The code. Must be `#[inline(always)]`, as must be all that it calls:
-    /// only what is inlined is compiled for the instruction set.
+    /// Runs the code. It must be `#[inline(always)]`, as must everything that it calls: only
+    /// inlined code is compiled for the instruction set.
     fn run<S: Simd>(self, simd: S) -> Self::Output;
 }
 

@@ -2,7 +2,7 @@
 
 use super::{Pair, Simd, Sum, Vector};
 
-/// The token that needs nothing.
+/// The token of the baseline, which needs no proof.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Portable;
 
@@ -13,7 +13,7 @@ impl Simd for Portable {
     const MANY_REGISTERS: bool = false;
 }
 
-/// Eight lanes.
+/// A vector of eight lanes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Array([f32; 8]);
 

@@ -1,4 +1,4 @@
-//! AVX2 and AVX-512F vectors: the crate's only `unsafe`.
+//! AVX2 and AVX-512F vectors, with the crate's only `unsafe` code.
 #![allow(
     unsafe_code,
     reason = "calls intrinsics that need a CPU feature; each vector is made from a token that proves the feature"
@@ -17,11 +17,11 @@ use core::arch::x86_64::{
 
 use super::{Isa, Kernel, Pair, Simd, Sum, Vector};
 
-/// Proves AVX2.
+/// The token that proves AVX2.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Avx2(());
 
-/// Proves AVX-512F and AVX2.
+/// The token that proves AVX-512F and AVX2.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Avx512(());
 
@@ -40,9 +40,8 @@ impl Simd for Avx2 {
 impl Simd for Avx512 {
     type V8 = F32x8<Self>;
     type V16 = F32x16;
-    // Not two side by side: ten sums keep the
-    // multipliers as busy without spills. Measured 19 us an update
-    // against 25.
+    // One vector and not two: ten sums keep the multipliers as busy, without spills. Measured
+    // 19 us an update against 25.
     type Wide = F32x16;
     const MANY_REGISTERS: bool = true;
 }
@@ -69,15 +68,15 @@ pub(super) fn run_avx512<K: Kernel>(kernel: K) -> K::Output {
     unsafe { avx512(kernel) }
 }
 
-/// Eight lanes; `T` is the token that it was made from.
+/// A vector of eight lanes; `T` is the token of its creation.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct F32x8<T>(__m256, T);
 
-/// Sixteen lanes.
+/// A vector of sixteen lanes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct F32x16(__m512, Avx512);
 
-/// The methods that are one intrinsic.
+/// Defines the methods that are one intrinsic.
 macro_rules! lanewise {
     ($($name:ident($($other:ident)?) = $intrinsic:ident;)*) => {$(
         #[inline(always)]

@@ -1,4 +1,4 @@
-//! Where a study is kept: its plan, and a folder for each seed.
+//! The folder of a study: its plan, and a folder for each seed.
 
 use super::StudyError;
 use super::plan::Plan;
@@ -13,31 +13,31 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use toml::Table;
 
-/// The plan's file.
+/// File name of the plan.
 pub const PLAN: &str = "study.toml";
-/// A seed's files; the report is written last.
+/// File names in a seed's folder; the report is written last.
 pub const POLICY: &str = "policy.bin";
 /// See [`POLICY`].
 pub const LEARNING: &str = "learning.csv";
 /// See [`POLICY`].
 pub const REPORT: &str = "report.json";
-/// What files under way are called, before they have their names.
+/// Prefix of temporary files, see [`atomic_file`].
 const TEMPORARY: &str = ".tmp";
 
-/// A seed's result, as `report.json` holds it.
+/// The result of a seed, as `report.json` holds it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SeedReport {
-    /// The seed.
+    /// Seed of the training.
     pub seed: u64,
-    /// [`Plan::fingerprint`] of the plan it was made by.
+    /// [`Plan::fingerprint`] of the plan.
     pub fingerprint: String,
-    /// Why there is no policy, where there is none: the training diverged.
+    /// Reason why there is no policy, such as a training that diverged.
     pub failure: Option<String>,
-    /// Steps after which the actor that is kept was.
+    /// Environment steps after which the best actor was found.
     pub best_steps: Option<u64>,
-    /// By [`Metric::key`]; empty without a policy.
+    /// Metrics by [`Metric::key`]; empty without a policy.
     pub metrics: BTreeMap<String, Option<f64>>,
-    /// All of the evaluation, as `trainer eval --json` prints it.
+    /// Complete evaluation, in the form of `trainer eval --json`.
     pub evaluation: Option<serde_json::Value>,
 }
 
@@ -64,14 +64,14 @@ impl SeedReport {
         report
     }
 
-    /// A metric's value; `None` where it has none.
+    /// Returns the value of a metric; `None` where it has none.
     #[must_use]
     pub fn metric(&self, metric: Metric) -> Option<f64> {
         self.metrics.get(&metric.key()).copied().flatten()
     }
 }
 
-/// A study's folder, known to hold the study of this plan.
+/// A study's folder, checked to hold the study of its plan.
 #[derive(Clone, Debug)]
 pub struct Folder {
     path: PathBuf,
@@ -79,30 +79,31 @@ pub struct Folder {
 }
 
 impl Folder {
-    /// Begins the folder of a plan, or takes up the one that is there.
+    /// Creates the folder of a plan, or opens an existing one.
     ///
     /// # Errors
-    /// [`StudyError::Another`] when it is that of another plan; what the system refuses.
+    /// [`StudyError::OtherStudy`] when it holds another plan; [`StudyError::File`] when a file
+    /// cannot be read or written.
     pub fn begin(path: &Path, plan: Plan) -> Result<Self, StudyError> {
         let file = path.join(PLAN);
         if let Some(text) = read(&file)? {
             let there: Table = text.parse().map_err(|e| StudyError::content(&file, &e))?;
             if let Some([key, there, here]) = plan.difference(&there) {
-                return Err(StudyError::Another { folder: path.into(), key, there, here });
+                return Err(StudyError::OtherStudy { folder: path.into(), key, there, here });
             }
         } else {
             fs::create_dir_all(path).map_err(StudyError::file(path))?;
-            // Shards that begin at the same time write the same.
+            // Shards that begin at the same time write the same content.
             atomic_file::write(&file, plan.to_toml().as_bytes())
                 .map_err(StudyError::file(&file))?;
         }
         Ok(Self { path: path.into(), plan })
     }
 
-    /// Opens the folder of a study that was begun.
+    /// Opens the folder of an existing study.
     ///
     /// # Errors
-    /// When there is none; what the system refuses.
+    /// [`StudyError`] when there is none, or a file cannot be read.
     pub fn open(path: &Path) -> Result<Self, StudyError> {
         let file = path.join(PLAN);
         let missing = || StudyError::content(&file, &"is not there: no study was begun here");
@@ -111,28 +112,28 @@ impl Folder {
         Ok(Self { path: path.into(), plan })
     }
 
-    /// Its plan.
+    /// Returns the plan.
     #[must_use]
     pub fn plan(&self) -> &Plan {
         &self.plan
     }
 
-    /// Where it is.
+    /// Returns the path of the folder.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// The folder of a seed.
+    /// Returns the path of a seed's folder.
     #[must_use]
     pub fn seed(&self, seed: u64) -> PathBuf {
         self.path.join("seeds").join(format!("{seed:04}"))
     }
 
-    /// A seed's result; `None` while it is not done.
+    /// Returns a seed's result; `None` while it is not complete.
     ///
     /// # Errors
-    /// When it is not that of this study's seed; what the system refuses.
+    /// [`StudyError`] when it belongs to another study or seed, or a file cannot be read.
     pub fn report(&self, seed: u64) -> Result<Option<SeedReport>, StudyError> {
         let file = self.seed(seed).join(REPORT);
         let Some(text) = read(&file)? else { return Ok(None) };
@@ -151,7 +152,7 @@ impl Folder {
         Ok(Some(report))
     }
 
-    /// The results that are there, by ascending seed, and the seeds that are missing.
+    /// Returns the results by ascending seed, and the seeds that are missing.
     ///
     /// # Errors
     /// As [`Self::report`].
@@ -166,11 +167,11 @@ impl Folder {
         Ok((reports, missing))
     }
 
-    /// Writes what a seed came to.
+    /// Writes the files of a seed.
     ///
     /// # Errors
-    /// What the system refuses.
-    pub fn keep(&self, run: &SeedRun) -> Result<SeedReport, StudyError> {
+    /// [`StudyError::File`] when a file cannot be written.
+    pub fn save(&self, run: &SeedRun) -> Result<SeedReport, StudyError> {
         let report = SeedReport::new(&self.plan, run);
         self.begin_seed(run.seed)?;
         self.write(run.seed, LEARNING, &run.learning_csv)?;
@@ -182,14 +183,14 @@ impl Folder {
         Ok(report)
     }
 
-    /// Makes a seed's folder, and clears it of what a killed process left.
+    /// Creates a seed's folder, and removes temporary files of a killed process.
     pub(super) fn begin_seed(&self, seed: u64) -> Result<(), StudyError> {
         let folder = self.seed(seed);
         fs::create_dir_all(&folder).map_err(StudyError::file(&folder))?;
         for entry in fs::read_dir(&folder).map_err(StudyError::file(&folder))? {
             let entry = entry.map_err(StudyError::file(&folder))?;
             if entry.file_name().to_string_lossy().starts_with(TEMPORARY) {
-                // Gone already is as good.
+                // Another process may have removed it already.
                 _ = fs::remove_file(entry.path());
             }
         }
@@ -202,7 +203,7 @@ impl Folder {
     }
 }
 
-/// A file's text; `None` where there is none.
+/// Reads a file; `None` where it does not exist.
 fn read(file: &Path) -> Result<Option<String>, StudyError> {
     match fs::read_to_string(file) {
         Ok(text) => Ok(Some(text)),

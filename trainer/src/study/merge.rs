@@ -1,4 +1,4 @@
-//! The folders of shards, joined.
+//! Merging the folders of shards.
 
 use super::StudyError;
 use super::folder::{Folder, LEARNING, POLICY, REPORT};
@@ -7,21 +7,21 @@ use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// What was joined.
+/// The result of a merge.
 #[derive(Debug)]
 pub struct Merged {
-    /// The folder with all seeds.
+    /// Folder with all seeds.
     pub folder: Folder,
-    /// Seeds that were in more than one folder, the same in each.
+    /// Seeds that were in more than one folder, with the same results.
     pub duplicates: Vec<u64>,
 }
 
-/// Joins `folders`, at least one, into `out`, which may be one of them. Nothing is
-/// written unless all of the study's seeds are there.
+/// Merges `folders`, at least one, into `out`, which may be one of them. Writes nothing unless
+/// all of the study's seeds are there.
 ///
 /// # Errors
-/// Folders of different studies, missing seeds, seeds that differ between folders;
-/// what the system refuses.
+/// [`StudyError`] for folders of different studies, missing seeds, results that differ between
+/// folders, and files that cannot be read or written.
 pub fn merge(folders: &[PathBuf], out: &Path) -> Result<Merged, StudyError> {
     let opened: Vec<Folder> = folders.iter().map(|f| Folder::open(f)).collect::<Result<_, _>>()?;
     let Some(plan) = opened.first().map(|folder| folder.plan().clone()) else {
@@ -30,7 +30,7 @@ pub fn merge(folders: &[PathBuf], out: &Path) -> Result<Merged, StudyError> {
     let mut sources: BTreeMap<u64, &Folder> = BTreeMap::new();
     let mut duplicates = Vec::new();
     for (folder, path) in opened.iter().zip(folders) {
-        // Of the same plan, or refused.
+        // Fails unless the folder holds the same plan.
         Folder::begin(path, plan.clone())?;
         for report in folder.reports()?.0 {
             let seed = report.seed;
@@ -54,7 +54,7 @@ pub fn merge(folders: &[PathBuf], out: &Path) -> Result<Merged, StudyError> {
             continue;
         }
         folder.begin_seed(seed)?;
-        // In this order: the report last.
+        // The report is written last, as in a training.
         for name in [LEARNING, POLICY, REPORT] {
             if let Some(content) = content(&source.seed(seed).join(name))? {
                 folder.write(seed, name, &content)?;
@@ -70,7 +70,7 @@ fn same_place(a: &Path, b: &Path) -> bool {
     matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }
 
-/// Whether two folders have the same of a seed, byte for byte.
+/// Checks that two folders have the same files of a seed, byte for byte.
 fn agree(seed: u64, first: &Folder, second: &Folder) -> Result<(), StudyError> {
     for name in [REPORT, POLICY, LEARNING] {
         let of = |folder: &Folder| content(&folder.seed(seed).join(name));

@@ -1,19 +1,18 @@
-//! A study: one training over many seeds, each evaluated, and what they come to.
+//! Studies: one configuration trained with many seeds, each evaluated, and a summary.
 //!
-//! Seeds have nothing to do with each other: they run side by side, on one machine
-//! or in [shards](shard) on many, and what a seed leaves does not depend on where
-//! it ran. A [folder] holds it:
+//! Seeds are independent: they run in parallel, on one machine or in [shards](shard) on many,
+//! and the result of a seed does not depend on where it ran. A [folder] holds the study:
 //!
 //! ```text
 //! study.toml              the plan: configuration, seeds, evaluation, trainer version
 //! seeds/0007/policy.bin   the policy (none where the training failed)
 //! seeds/0007/learning.csv a row for every episode
-//! seeds/0007/report.json  the evaluation; written last: with it, the seed is done
-//! summary.csv, seeds.csv, summary.svg    once all seeds are there
+//! seeds/0007/report.json  the evaluation; written last, it marks the seed as complete
+//! summary.csv, seeds.csv, summary.svg    once all seeds are complete
 //! ```
 //!
-//! The [summary] is made of the files of the seeds alone, so that it is the same to
-//! the last bit however often the study was interrupted and however it was split.
+//! The [summary] depends on the files of the seeds alone, so it is the same to the last bit,
+//! however often the study was interrupted and however it was split.
 
 pub mod folder;
 pub mod merge;
@@ -26,65 +25,68 @@ pub mod table;
 
 use std::path::{Path, PathBuf};
 
-/// Why a study cannot go on.
+/// The reason why a study cannot continue.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StudyError {
-    /// The system does not let a file be read or written.
+    /// A file cannot be read or written.
     #[error("{}: {error}; is it the right place, and is there room?", path.display())]
     File {
-        /// Which.
+        /// Path of the file.
         path: PathBuf,
-        /// The system's reason.
+        /// Error of the system.
         error: std::io::Error,
     },
-    /// A file does not hold what it should.
-    #[error("{}: {why}; if it is damaged, remove it", path.display())]
+    /// A file has unexpected content.
+    #[error("{}: {why}; remove it if it is damaged", path.display())]
     Content {
-        /// Which.
+        /// Path of the file.
         path: PathBuf,
         /// What is wrong.
         why: String,
     },
-    /// A folder is that of another study.
+    /// The folder holds another study.
     #[error(
         "{}: holds another study: {key} is {there} there, but {here} here; \
-         use another folder, or what that study was made with",
+         use another folder, or the options of that study",
         folder.display()
     )]
-    Another {
-        /// The folder.
+    OtherStudy {
+        /// Path of the folder.
         folder: PathBuf,
-        /// Where the two plans first differ.
+        /// First key in which the two plans differ.
         key: String,
-        /// What the folder's plan says.
+        /// Value in the folder's plan.
         there: String,
-        /// What was asked for.
+        /// Value in the new plan.
         here: String,
     },
-    /// Folders that together lack seeds.
-    #[error("missing of the study's {all} seeds: {}; run their shards again", list(seeds))]
+    /// The folders together lack seeds.
+    #[error(
+        "of the study's {all} seeds these are missing: {}; run their shards again",
+        list(seeds)
+    )]
     Missing {
-        /// How many there should be.
+        /// Number of seeds of the study.
         all: u64,
-        /// Those that are in no folder, ascending.
+        /// Seeds that are in no folder, ascending.
         seeds: Vec<u64>,
     },
-    /// Two folders have the same seed with different results.
+    /// Two folders have different results of the same seed.
     #[error(
         "seed {seed} is in {} and in {}, and they differ ({name}); \
-         one was not made by this trainer, or is damaged: remove it",
+         one is damaged or of another trainer: remove it",
         first.display(),
         second.display()
     )]
     Contradiction {
         /// The seed.
         seed: u64,
-        /// The file that differs.
+        /// Name of the file that differs.
         name: &'static str,
-        /// A folder of the seed.
+        /// First folder with the seed.
         first: PathBuf,
-        /// Another one.
+        /// Second folder with the seed.
         second: PathBuf,
     },
 }
@@ -99,7 +101,7 @@ impl StudyError {
     }
 }
 
-/// Numbers as text, the long tail left off.
+/// Formats numbers as a list, shortened after the first twelve.
 #[must_use]
 pub fn list(numbers: &[u64]) -> String {
     const SHOWN: usize = 12;

@@ -1,4 +1,4 @@
-//! What a study is of: all that its results depend on.
+//! The plan of a study: everything that its results depend on.
 
 use crate::config::Config;
 use crc::{CRC_64_XZ, Crc};
@@ -7,10 +7,10 @@ use std::fmt;
 use std::str::FromStr;
 use toml::{Table, Value};
 
-/// Most seeds of a study.
+/// Largest number of seeds of a study.
 pub const MOST_SEEDS: u64 = 1_000_000;
 
-/// Seeds from a first one to before an end.
+/// A range of seeds, without its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Seeds {
@@ -18,27 +18,27 @@ pub struct Seeds {
     end: u64,
 }
 
-/// What is wrong with seeds.
+/// The reason why a text is no range of seeds.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SeedsError {
-    /// Not two numbers.
+    /// The text is not two numbers.
     #[error("'{0}' is not FIRST..END, two whole numbers, such as 0..20 for the seeds 0 to 19")]
     Form(String),
-    /// The end is not above the first.
+    /// The end is not above the first seed.
     #[error("{0} holds no seed: the end, which does not count, must be above the first")]
     Empty(String),
-    /// More than [`MOST_SEEDS`].
+    /// The range has more than [`MOST_SEEDS`] seeds.
     #[error("{0} holds more than {MOST_SEEDS} seeds; split it into several studies")]
     Many(String),
 }
 
 impl Seeds {
-    /// Each of them, ascending.
+    /// Returns the seeds, ascending.
     pub fn iter(self) -> impl Iterator<Item = u64> {
         self.first..self.end
     }
 
-    /// How many.
+    /// Returns the number of seeds.
     #[must_use]
     pub fn count(self) -> u64 {
         self.end - self.first
@@ -81,7 +81,7 @@ impl fmt::Display for Seeds {
     }
 }
 
-/// A study's plan.
+/// The plan of a study.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plan {
@@ -89,23 +89,23 @@ pub struct Plan {
     pub trainer: String,
     /// All seeds of the study, whatever the shard.
     pub seeds: Seeds,
-    /// Starts at each density and in each condition of an evaluation.
+    /// Number of random starts of an evaluation, at each density ratio and in each condition.
     pub eval_starts: u32,
-    /// Seed of those starts.
+    /// Seed of these starts.
     pub eval_seed: u64,
-    /// What is trained.
+    /// Configuration of the trainings.
     pub config: Config,
 }
 
 impl Plan {
-    /// By this trainer.
+    /// Creates a plan for this version of the trainer.
     #[must_use]
     pub fn new(config: Config, seeds: Seeds, eval_starts: u32, eval_seed: u64) -> Self {
         let trainer = env!("CARGO_PKG_VERSION").into();
         Self { trainer, seeds, eval_starts, eval_seed, config }
     }
 
-    /// As TOML, complete.
+    /// Returns the complete plan as TOML.
     ///
     /// # Panics
     /// Never: every field has a TOML form.
@@ -114,16 +114,17 @@ impl Plan {
         toml::to_string(self).expect("every field has a TOML form")
     }
 
-    /// Of all that a seed's results depend on, for its report to carry: 16 digits.
+    /// Returns a fingerprint of everything that a seed's result depends on: 16 hexadecimal
+    /// digits.
     #[must_use]
     pub fn fingerprint(&self) -> String {
-        // Which other seeds there are makes no difference to a seed.
+        // A seed's result does not depend on the other seeds.
         let one = Self { seeds: Seeds { first: 0, end: 1 }, ..self.clone() };
         format!("{:016x}", Crc::<u64>::new(&CRC_64_XZ).checksum(one.to_toml().as_bytes()))
     }
 
-    /// Where another plan, in TOML, first differs from this: the key, what it is
-    /// there, and what here. `None` where it does not.
+    /// Returns the first key in which another plan, in TOML, differs from this one, with the
+    /// other value and this one; `None` when they are the same.
     #[must_use]
     pub fn difference(&self, other: &Table) -> Option<[String; 3]> {
         let here: Table = self.to_toml().parse().expect("TOML, just written");
@@ -161,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn seeds_are_half_open() {
+    fn a_range_of_seeds_excludes_its_end() {
         let seeds: Seeds = "3..7".parse().unwrap();
         assert_eq!(seeds.iter().collect::<Vec<_>>(), [3, 4, 5, 6]);
         assert_eq!((seeds.count(), seeds.to_string().as_str()), (4, "3..7"));
@@ -179,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn a_difference_is_named() {
+    fn a_difference_names_the_key_and_both_values() {
         let plan = plan();
         let table = || plan.to_toml().parse::<toml::Table>().unwrap();
         assert_eq!(plan.difference(&table()), None);
@@ -197,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn the_fingerprint_is_that_of_a_seeds_results() {
+    fn the_fingerprint_depends_on_all_but_the_range_of_seeds() {
         let plan = plan();
         let seeds = Plan { seeds: "0..100".parse().unwrap(), ..plan.clone() };
         assert_eq!(plan.fingerprint(), seeds.fingerprint());

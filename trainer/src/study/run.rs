@@ -1,4 +1,4 @@
-//! Seeds trained, finished and evaluated, several at a time.
+//! Training and evaluation of several seeds in parallel.
 
 use super::plan::Plan;
 use crate::evaluate::report::Report;
@@ -11,45 +11,45 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, channel};
 
-/// What a seed came to.
+/// The result of one seed.
 #[derive(Clone, Debug)]
 pub struct SeedRun {
     /// The seed.
     pub seed: u64,
-    /// A row for every episode.
+    /// Log with a row for every episode, CSV.
     pub learning_csv: Vec<u8>,
-    /// The policy and its evaluation, or why there is none.
+    /// Policy and evaluation, or the reason why there is none.
     pub outcome: Result<EvaluatedPolicy, String>,
 }
 
-/// A training that left a policy.
+/// A policy with its evaluation.
 #[derive(Clone, Debug)]
 pub struct EvaluatedPolicy {
     /// The policy file.
     pub policy: Vec<u8>,
-    /// Steps after which the actor that is kept was.
+    /// Environment steps after which the best actor was found.
     pub best_steps: u64,
-    /// How it does.
+    /// Evaluation of the policy.
     pub report: Report,
 }
 
-/// Seeds under way on threads of their own.
+/// Seeds that run on threads of their own.
 #[derive(Debug)]
 pub struct Jobs {
-    /// Each seed as it is done; it ends when all are, or when stopped.
+    /// Receives each seed when it is complete; closes when all are, or after a stop.
     pub done: Receiver<SeedRun>,
     stopped: Arc<AtomicBool>,
     under_way: Arc<Vec<AtomicU64>>,
 }
 
-/// Share of training of one seed is counted in this.
+/// Units in which the progress of one seed is counted.
 const WHOLE: f64 = 1e6;
 
 impl Jobs {
-    /// Begins with `jobs` seeds at a time, each on one thread alone.
+    /// Starts `jobs` threads, each of which runs one seed at a time.
     ///
     /// # Panics
-    /// If the system has no more threads.
+    /// If the system cannot create a thread.
     #[must_use]
     pub fn start(plan: &Plan, seeds: Vec<u64>, jobs: NonZeroUsize) -> Self {
         let jobs = jobs.get().min(seeds.len());
@@ -63,8 +63,8 @@ impl Jobs {
             let (plan, seeds, next) = (plan.clone(), seeds.clone(), next.clone());
             let (sender, stopped) = (sender.clone(), stopped.clone());
             let under_way = under_way.clone();
-            // What evaluates uses the pool of the thread that it is called on: this
-            // keeps a job to its one thread.
+            // The evaluation uses the pool of the calling thread. A pool of one keeps each job
+            // on its thread.
             let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
             std::thread::spawn(move || {
                 while let Some(&seed) = seeds.get(next.fetch_add(1, Ordering::Relaxed)) {
@@ -76,7 +76,7 @@ impl Jobs {
                     };
                     let Some(run) = pool.install(|| one(&plan, seed, go_on)) else { break };
                     told(0.0);
-                    // Nobody to take it: stopped.
+                    // The receiver is gone after a stop.
                     if sender.send(run).is_err() {
                         break;
                     }
@@ -86,7 +86,7 @@ impl Jobs {
         Self { done, stopped, under_way }
     }
 
-    /// Seeds' worth of training of those that are not done yet.
+    /// Returns the progress of all running seeds, in seeds.
     #[must_use]
     pub fn share_under_way(&self) -> f64 {
         self.under_way.iter().map(|at| at.load(Ordering::Relaxed) as f64 / WHOLE).sum()
@@ -99,8 +99,8 @@ impl Drop for Jobs {
     }
 }
 
-/// One seed from its first step to its evaluation; `None` when told not to go on.
-/// `go_on` is asked after every episode, with the share of the training done.
+/// Runs one seed from its first step to its evaluation. Calls `go_on` after every episode, with
+/// the completed share of the training; returns `None` when that returns false.
 fn one(plan: &Plan, seed: u64, go_on: impl Fn(f64) -> bool) -> Option<SeedRun> {
     let mut training = Training::new(plan.config.clone(), seed, Isa::best());
     let mut log = csv::Writer::from_writer(Vec::new());
@@ -119,7 +119,8 @@ fn one(plan: &Plan, seed: u64, go_on: impl Fn(f64) -> bool) -> Option<SeedRun> {
     Some(SeedRun { seed, learning_csv, outcome })
 }
 
-/// Training that collapsed may leave what the controller refuses: a result, too.
+/// Evaluates a completed training. The controller may refuse the policy of a collapsed
+/// training, which is a result, too.
 fn finish(plan: &Plan, training: &Training) -> Result<EvaluatedPolicy, String> {
     let trained = TrainedPolicy::new(training);
     let blob = trained.blob().map_err(|e| e.to_string())?;

@@ -1,53 +1,53 @@
-//! A share of a study's seeds, for one of many machines.
+//! Shards: the seeds of a study for one of many machines.
 
 use super::plan::Seeds;
 use std::fmt;
 use std::str::FromStr;
 
-/// Share `index` of `count`, which takes every `count`-th seed: a study that is cut
-/// short has then every shard's first seeds. Indices count from 1.
+/// Shard `index` of `count`, which takes every `count`-th seed, so that a study that is cut
+/// short has the first seeds of every shard. Indices count from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
     index: u64,
     count: u64,
 }
 
-/// What is wrong with a shard.
+/// The reason why there is no shard.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ShardError {
-    /// Not a shard.
+    /// The text is no shard.
     #[error("'{0}' is not I/N, such as 1/4, nor auto, nor auto/N")]
     Form(String),
-    /// No such share.
+    /// The index is out of range.
     #[error("{index}/{count}: shards count from 1, so that they are 1/{count} to {count}/{count}")]
     Index {
-        /// The index asked for.
+        /// Index as given.
         index: u64,
-        /// How many there are.
+        /// Number of shards.
         count: u64,
     },
-    /// Nothing says which.
+    /// No environment variable names the shard.
     #[error(
         "auto: neither SLURM_ARRAY_TASK_ID nor JOB_COMPLETION_INDEX is set, so this is neither \
          a task of a Slurm job array (sbatch --array=0-7) nor a pod of a Kubernetes indexed job \
          (completionMode: Indexed); name the shard: I/N"
     )]
     Nowhere,
-    /// Two say which.
+    /// Both schedulers' variables are set.
     #[error("auto: both SLURM_ARRAY_TASK_ID and JOB_COMPLETION_INDEX are set; name the shard: I/N")]
     Both,
-    /// A variable that should be there is not.
+    /// A required variable is not set.
     #[error("auto: {0} is not set, though SLURM_ARRAY_TASK_ID is; name the shard: I/N")]
     Unset(&'static str),
     /// A variable is not a number.
     #[error("auto: {name} is '{value}', not a whole number; name the shard: I/N")]
     Value {
-        /// The variable.
+        /// Name of the variable.
         name: &'static str,
-        /// Its value.
+        /// Value of the variable.
         value: String,
     },
-    /// Gaps in a job array.
+    /// The job array has gaps.
     #[error(
         "auto: the Slurm job array has {count} tasks from {min} to {max} by {step}, which leaves \
          gaps; submit all of it (sbatch --array=0-7), or say auto/N with N all of its tasks, \
@@ -63,23 +63,23 @@ pub enum ShardError {
         /// `SLURM_ARRAY_TASK_STEP`.
         step: u64,
     },
-    /// Kubernetes does not tell a pod how many there are.
+    /// Kubernetes does not state the number of pods.
     #[error(
         "auto: JOB_COMPLETION_INDEX is {0}, but of how many is in no variable; \
          say auto/N with N the job's completions"
     )]
     Count(u64),
-    /// An index past the count.
+    /// An index is past the count.
     #[error(
         "auto/{count}: {name} is {index}, but with {count} shards it counts from 0 to {}; \
          correct N or the array", count - 1
     )]
     Past {
-        /// The variable.
+        /// Name of the variable.
         name: &'static str,
-        /// Its value.
+        /// Value of the variable.
         index: u64,
-        /// How many there are.
+        /// Number of shards.
         count: u64,
     },
 }
@@ -88,13 +88,13 @@ const TASK: &str = "SLURM_ARRAY_TASK_ID";
 const POD: &str = "JOB_COMPLETION_INDEX";
 
 impl Shard {
-    /// All seeds.
+    /// The shard with all seeds.
     pub const ALL: Self = Self { index: 1, count: 1 };
 
-    /// Share `index`, from 1, of `count`.
+    /// Returns shard `index`, from 1, of `count`.
     ///
     /// # Errors
-    /// [`ShardError::Index`] when there is no such share.
+    /// [`ShardError::Index`] when the index is out of range.
     pub fn new(index: u64, count: u64) -> Result<Self, ShardError> {
         if (1..=count).contains(&index) {
             Ok(Self { index, count })
@@ -103,15 +103,15 @@ impl Shard {
         }
     }
 
-    /// Whether it is the whole study.
+    /// Whether the shard has all seeds.
     #[must_use]
     pub fn is_all(self) -> bool {
         self.count == 1
     }
 
-    /// Its seeds, ascending; none where there are fewer seeds than shards.
+    /// Returns its seeds, ascending; none where there are fewer seeds than shards.
     pub fn of(self, seeds: Seeds) -> impl Iterator<Item = u64> {
-        // At most a million steps: a count beyond that leaves each shard one seed.
+        // There are at most a million seeds; a larger count leaves each shard one seed.
         let step = usize::try_from(self.count).unwrap_or(usize::MAX);
         let skip = usize::try_from(self.index - 1).unwrap_or(usize::MAX);
         seeds.iter().skip(skip).step_by(step)
@@ -124,12 +124,12 @@ impl fmt::Display for Shard {
     }
 }
 
-/// Which shard was asked for.
+/// A shard as requested by the user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request {
-    /// This one.
+    /// A shard by number.
     Named(Shard),
-    /// That which the environment names, of so many where the count is given.
+    /// The shard that the environment names, with its count where it is given.
     Auto(Option<u64>),
 }
 
@@ -152,10 +152,10 @@ impl FromStr for Request {
 }
 
 impl Request {
-    /// The shard, where `variable` looks up an environment variable.
+    /// Returns the shard; `variable` looks up an environment variable.
     ///
     /// # Errors
-    /// What is missing in the environment, or does not fit together.
+    /// [`ShardError`] when a variable is missing or contradicts another.
     pub fn resolve(self, variable: impl Fn(&str) -> Option<String>) -> Result<Shard, ShardError> {
         let given = match self {
             Self::Named(shard) => return Ok(shard),
@@ -177,7 +177,7 @@ impl Request {
                     need("SLURM_ARRAY_TASK_COUNT")?,
                     need("SLURM_ARRAY_TASK_MIN")?,
                     need("SLURM_ARRAY_TASK_MAX")?,
-                    // Old Slurms leave it out where it is 1.
+                    // Old versions of Slurm do not set it where it is 1.
                     number("SLURM_ARRAY_TASK_STEP")?.unwrap_or(1),
                 );
             }
@@ -192,7 +192,7 @@ impl Request {
     }
 }
 
-/// The shard of a task in a job array without gaps, whatever it counts from and by.
+/// Returns the shard of a task in a job array without gaps, whatever its first index and step.
 fn in_array(task: u64, count: u64, min: u64, max: u64, step: u64) -> Result<Shard, ShardError> {
     let gaps = ShardError::Gaps { count, min, max, step };
     let even = step > 0
@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn every_seed_is_in_one_shard() {
+    fn every_seed_is_in_exactly_one_shard() {
         for first in [0, 5] {
             for seeds in 1..=12_u64 {
                 let range: Seeds = format!("{first}..{}", first + seeds).parse().unwrap();
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn a_named_shard() {
+    fn parses_a_shard_by_number_and_refuses_others() {
         assert_eq!(resolve("2/3", &[]).unwrap(), "2/3");
         for (text, said) in [
             ("0/4", "0/4: shards count from 1, so that they are 1/4 to 4/4"),
@@ -266,13 +266,13 @@ mod tests {
     }
 
     #[test]
-    fn slurm_says_which() {
+    fn takes_the_shard_from_a_slurm_job_array() {
         assert_eq!(resolve("auto", &array("0", "0", "3", "4")).unwrap(), "1/4");
         assert_eq!(resolve("auto", &array("3", "0", "3", "4")).unwrap(), "4/4");
         assert_eq!(resolve("auto", &array("1", "1", "3", "3")).unwrap(), "1/3");
         let by_five = [&array("20", "10", "20", "3")[..], &[("SLURM_ARRAY_TASK_STEP", "5")]];
         assert_eq!(resolve("auto", &by_five.concat()).unwrap(), "3/3");
-        // One task of an array submitted again: only a given count tells of how many.
+        // A resubmitted task of an array needs a given count.
         assert_eq!(resolve("auto/4", &array("2", "2", "2", "1")).unwrap(), "3/4");
         for (request, environment, said) in [
             ("auto", &array("5", "1", "7", "3")[..], "has 3 tasks from 1 to 7 by 1"),
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn kubernetes_says_which_but_not_of_how_many() {
+    fn takes_the_index_from_kubernetes_and_needs_the_count() {
         let pod = [("JOB_COMPLETION_INDEX", "7")];
         assert_eq!(resolve("auto/8", &pod).unwrap(), "8/8");
         let error = resolve("auto", &pod).unwrap_err();

@@ -1,4 +1,4 @@
-//! What many seeds come to.
+//! The summary of a study over all seeds.
 
 use super::StudyError;
 use super::folder::{Folder, SeedReport};
@@ -9,40 +9,40 @@ use crate::evaluate::survival::quantile;
 use leg_process::atomic_file;
 use serde::Serialize;
 
-/// A study that is whole.
+/// The summary of a complete study.
 #[derive(Clone, Debug)]
 pub struct Summary {
-    /// What it is of.
+    /// Plan of the study.
     pub plan: Plan,
-    /// By ascending seed.
+    /// Results by ascending seed.
     pub seeds: Vec<SeedReport>,
-    /// A row a metric, in the order of [`Metric::all`].
+    /// A row for each metric, in the order of [`Metric::all`].
     pub rows: Vec<Row>,
 }
 
-/// A metric over all seeds. A seed without the metric counts as worse than all others.
+/// A metric over all seeds. A seed without a value counts as worse than all others.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
-    /// Which.
+    /// The metric.
     pub metric: Metric,
-    /// What it is to reach, where that is said.
+    /// Goal of the metric, where there is one.
     pub goal: Option<Goal>,
-    /// `None` where it falls on seeds that do not have the metric; so for all below.
+    /// Median; `None` where it falls on a seed without a value, as for all values below.
     pub median: Option<f64>,
     /// Quartile towards the worst.
     pub worse_quartile: Option<f64>,
     /// Quartile towards the best.
     pub better_quartile: Option<f64>,
-    /// Of the worst seed, and which that is; the first of equals.
+    /// Value and number of the worst seed; the first of equals.
     pub worst: (Option<f64>, u64),
-    /// Of the best seed, and which that is; the first of equals.
+    /// Value and number of the best seed; the first of equals.
     pub best: (Option<f64>, u64),
     /// Share of the seeds that reach the goal.
     pub reached: Option<f64>,
 }
 
 impl Row {
-    /// Whether the median reaches the goal, and the worst seed what is asked of it.
+    /// Whether the median and the worst seed reach the goal; `None` without a goal.
     #[must_use]
     pub fn met(&self) -> Option<bool> {
         self.goal.map(|goal| goal.reached(self.median) && goal.worst_reached(self.worst.0))
@@ -50,7 +50,7 @@ impl Row {
 
     fn new(metric: Metric, goals: &[Goal], seeds: &[SeedReport]) -> Self {
         let goal = goals.iter().copied().find(|goal| goal.metric == metric);
-        // Turned so that less is worse.
+        // With this sign, lower values are worse.
         let sign = match metric.better() {
             Better::High => 1.0,
             Better::Low => -1.0,
@@ -59,7 +59,7 @@ impl Row {
         let mut ranked: Vec<(f64, u64)> = seeds.iter().map(|s| (value(s), s.seed)).collect();
         ranked.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let sorted: Vec<f64> = ranked.iter().map(|(v, _)| *v).collect();
-        // `+ 0.0`: no negative zero.
+        // Adding 0 turns -0 into 0.
         let back = |v: f64| v.is_finite().then_some(sign * v + 0.0);
         let at = |share| quantile(&sorted, share).and_then(back);
         let first_of = |worth: f64| {
@@ -101,7 +101,7 @@ struct CsvRow {
 }
 
 impl Summary {
-    /// Of seeds by ascending number, at least one.
+    /// Summarises results by ascending seed, at least one.
     #[must_use]
     pub fn new(plan: Plan, seeds: Vec<SeedReport>) -> Self {
         let goals = robust();
@@ -109,26 +109,27 @@ impl Summary {
         Self { plan, seeds, rows }
     }
 
-    /// The goals that a seed misses.
+    /// Returns the goals that a seed misses.
     pub fn missed(&self, seed: &SeedReport) -> impl Iterator<Item = Goal> {
         let goals = self.rows.iter().filter_map(|row| row.goal);
         goals.filter(|goal| !goal.reached(seed.metric(goal.metric)))
     }
 
-    /// The seed that misses the most goals; of equals the one that falls the most.
+    /// Returns the seed that misses the most goals; of equals the one that falls the most.
     #[must_use]
     pub fn worst(&self) -> Option<&SeedReport> {
         self.seeds.iter().min_by(|a, b| self.rank(a).total_cmp(&self.rank(b)))
     }
 
-    /// The seed that misses the fewest goals; of equals the one that falls the least.
+    /// Returns the seed that misses the fewest goals; of equals the one that falls the least.
     #[must_use]
     pub fn best(&self) -> Option<&SeedReport> {
-        // From the last: the first of equals.
+        // Reversed, so that `max_by` returns the first of equals.
         self.seeds.iter().rev().max_by(|a, b| self.rank(a).total_cmp(&self.rank(b)))
     }
 
-    /// Goals reached, and as a fraction the mean share that survives.
+    /// Returns a rank that counts the goals that are reached, plus half the mean share of
+    /// survivors.
     fn rank(&self, seed: &SeedReport) -> f64 {
         let survive: Vec<f64> = self
             .rows
@@ -137,7 +138,7 @@ impl Summary {
             .map(|row| seed.metric(row.metric).unwrap_or(0.0))
             .collect();
         let mean = survive.iter().sum::<f64>() / survive.len().max(1) as f64;
-        // A seed without a policy is below all others.
+        // A seed without a policy ranks below all others.
         let policy = if seed.failure.is_some() { -1.0 } else { 0.0 };
         policy + 0.5 * mean - self.missed(seed).count() as f64
     }
@@ -210,7 +211,8 @@ mod tests {
     use crate::study::folder::SeedReport;
     use crate::study::plan::Plan;
 
-    /// A seed that survives and stops so well everywhere, and tracks so many.
+    /// A seed with the same survival and stopping speed everywhere, and a number of tracked
+    /// set-points.
     fn seed(seed: u64, survive30: f64, abs_v: Option<f64>, tracked: f64) -> SeedReport {
         let value = |metric: &Metric| match metric {
             Metric::Survive30(_) | Metric::Survive30In(_) => Some(survive30),
@@ -243,14 +245,14 @@ mod tests {
     }
 
     #[test]
-    fn a_seed_without_the_figure_is_the_worst() {
+    fn a_seed_without_a_value_ranks_as_the_worst() {
         let summary = summary();
         let survive = row(&summary, Metric::Survive30(0.3));
         assert_eq!((survive.worst, survive.best), ((None, 6), (Some(1.0), 7)));
         assert_eq!(survive.median, Some(f64::midpoint(0.998, 0.999)));
         assert_eq!((survive.reached, survive.met()), (Some(0.75), Some(false)));
         let v = row(&summary, Metric::AbsVMedian(0.3));
-        // Of 0.01, 0.02, none and none.
+        // The values are 0.01, 0.02, none and none.
         assert_eq!((v.worst, v.best, v.median), ((None, 6), (Some(0.01), 4), None));
         assert_eq!((v.better_quartile, v.reached), (Some(0.0175), Some(0.25)));
         let falls = row(&summary, Metric::Falls);
@@ -259,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn the_worst_and_the_best_seed() {
+    fn the_worst_and_best_seeds_follow_from_the_goals_they_miss() {
         let summary = summary();
         assert_eq!(summary.worst().unwrap().seed, 6);
         assert_eq!(summary.best().unwrap().seed, 4);
@@ -269,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_have_a_row_for_each() {
+    fn the_tables_have_a_row_for_each_metric_and_seed() {
         let summary = summary();
         let csv = String::from_utf8(summary.summary_csv().unwrap()).unwrap();
         assert_eq!(csv.lines().count(), 1 + Metric::all().len());

@@ -1,4 +1,4 @@
-//! A summary as a table.
+//! The summary as a table for the terminal.
 
 use super::list;
 use super::summary::{Row, Summary};
@@ -6,17 +6,17 @@ use crate::config::Length;
 use crate::evaluate::metric::Metric;
 use std::fmt;
 
-/// Goals of the worst seed that are named.
+/// Number of missed goals that are named for the worst seed.
 const MOST_NAMED: usize = 5;
 
-/// What rows stand together.
+/// Returns the heading of the group of rows that a metric belongs to.
 fn heading(metric: Metric) -> &'static str {
     match metric {
         Metric::Survive30(_) => "still hopping after 30 hops, by density",
         Metric::AbsVMedian(_) | Metric::AbsVMedianIn(_) => "median |v| then, m/s",
         Metric::Tracked | Metric::Falls => "of the 42 set-points with a steady gait",
         Metric::MaxSpeed(_) => "highest speed, m/s",
-        Metric::Survive30In(_) => "still hopping, on land with another leg, or elsewhere",
+        Metric::Survive30In(_) => "still hopping, on land with another leg or gravity",
     }
 }
 

@@ -1,4 +1,4 @@
-//! Everything that a training is at a moment, so that it can go on from there.
+//! The state of a training between two episodes, from which it can be resumed.
 
 use super::Training;
 use crate::ddpg::AgentState;
@@ -30,13 +30,13 @@ pub struct TrainingState {
     total_updates: u64,
 }
 
-/// A state of another training.
+/// A state that does not fit the configuration. The text names the part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("its state does not fit its configuration ({0})")]
 pub struct StateError(&'static str);
 
 impl Training {
-    /// What it is now, between two episodes.
+    /// Returns the state between two episodes.
     #[must_use]
     pub fn state(&self) -> TrainingState {
         TrainingState {
@@ -57,7 +57,7 @@ impl Training {
         }
     }
 
-    /// Goes on from a state: what follows is what would have followed there, bit for bit.
+    /// Resumes a training. All that follows has the same bits as without the interruption.
     ///
     /// # Errors
     /// [`StateError`] when the state is not one of a training with this configuration.

@@ -1,14 +1,14 @@
 //! C99: an actor as one source file, for firmware that is not in Rust.
 //!
-//! `leg_actor.c` beside this file is all of it but the numbers. They are written in
-//! hexadecimal, which is exact. Operations and their order are those of
-//! [`leg_control::actor`], tanh that of the crate `libm`, so the bits agree.
+//! The template `leg_actor.c` beside this file has everything but the numbers. These are
+//! written in hexadecimal, which is exact. Operations and their order are those of
+//! [`leg_control::actor`], and tanh is that of the crate `libm`, so the bits agree.
 
 use crate::policy::PackedActor;
 use leg_control::policy::{Policy, TestVector};
 use std::fmt::Write;
 
-/// With `@MARKS@` where the policy's own goes.
+/// The source, with `@MARKS@` for the policy's own parts.
 const TEMPLATE: &str = include_str!("leg_actor.c");
 
 const RELU: &str = "\
@@ -22,7 +22,7 @@ static void leg_relu(float *x, int count)
 
 ";
 
-/// A policy's actor as C source, with its test vectors as a self-test.
+/// Writes a policy's actor as C source, with its test vectors as a self-test.
 #[must_use]
 pub fn export(policy: &Policy<'_>, vectors: &[TestVector]) -> String {
     let packed = PackedActor::from(policy);
@@ -58,7 +58,7 @@ pub fn export(policy: &Policy<'_>, vectors: &[TestVector]) -> String {
         .replace("@VECTORS@", &self_test(vectors))
 }
 
-/// Lines of a comment.
+/// Returns the lines of the comment that describes the policy.
 fn about(policy: &Policy<'_>) -> String {
     let (m, p) = (policy.manifest(), &policy.manifest().provenance);
     let widths: Vec<String> = m.widths.iter().map(ToString::to_string).collect();
@@ -75,7 +75,7 @@ fn about(policy: &Policy<'_>) -> String {
     )
 }
 
-/// Whatever a policy is called: nothing that ends a comment or starts a trigraph.
+/// Removes what ends a comment or starts a trigraph from a policy's name.
 fn plain(text: &str) -> String {
     let fine = |c: char| c.is_ascii_alphanumeric() || " .,+-_".contains(c);
     text.chars().map(|c| if fine(c) { c } else { '_' }).collect()
@@ -104,11 +104,11 @@ fn self_test(vectors: &[TestVector]) -> String {
     text + "};"
 }
 
-/// A finite figure as a hexadecimal constant of C99: exact, and the shortest such.
+/// Formats a finite number as a hexadecimal constant of C99: exact, and the shortest such.
 fn hex(x: f32) -> String {
     let bits = x.to_bits();
     let sign = if bits >> 31 == 1 { "-" } else { "" };
-    // 23 bits of fraction are 5 digits and three quarters.
+    // The 23 bits of the fraction are five digits and three quarters.
     let (fraction, exponent) = ((bits & 0x7f_ffff) << 1, (bits >> 23 & 0xff).cast_signed());
     let (whole, exponent) = match (exponent, fraction) {
         (0, 0) => (0, 0),
@@ -126,7 +126,7 @@ mod tests {
     use super::{hex, plain};
 
     #[test]
-    fn figures_are_written_exactly() {
+    fn hexadecimal_constants_are_exact() {
         for (x, text) in [
             (0.0, "0x0p+0f"),
             (-0.0, "-0x0p+0f"),
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_cannot_leave_its_comment() {
+    fn a_policy_name_cannot_end_its_comment() {
         assert_eq!(plain("a*/b\n??/c\\"), "a__b____c_");
     }
 }

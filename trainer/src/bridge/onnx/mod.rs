@@ -1,4 +1,4 @@
-//! ONNX: an actor as a graph, scalings and clip included.
+//! ONNX: an actor as a graph, with scalings and clip.
 
 mod proto;
 mod read;

@@ -1,15 +1,15 @@
-//! The messages of ONNX (`onnx.proto`), as far as an actor needs them: field numbers
-//! are those of the specification, and what is not listed is skipped in reading.
+//! The messages of ONNX (`onnx.proto`) that an actor needs. Field numbers are those of the
+//! specification; other fields are skipped.
 
 use prost::Message;
 
 /// `AttributeProto.AttributeType` of an integer.
 pub(super) const ATTRIBUTE_INT: i32 = 2;
-/// `TensorProto.DataType`.
+/// `TensorProto.DataType` of f32.
 pub(super) const FLOAT: i32 = 1;
-/// `TensorProto.DataType`.
+/// `TensorProto.DataType` of f64.
 pub(super) const DOUBLE: i32 = 11;
-/// `TensorProto.DataLocation`: in another file.
+/// `TensorProto.DataLocation` of data in another file.
 pub(super) const EXTERNAL: i32 = 1;
 
 #[derive(Clone, PartialEq, Message)]

@@ -1,9 +1,8 @@
-//! From a graph to an actor.
+//! From an ONNX graph to an actor.
 //!
-//! The nodes are gone through in their order, which ONNX wants to be one in which
-//! they can be run. Each edge is a constant, a [`Signal`] on its way from observation
-//! to action, or something else, of which only the reason is kept: it matters only
-//! where an output depends on it.
+//! The nodes are evaluated in their order, which ONNX requires to be a topological one. Each
+//! edge is a constant, a [`Signal`] between observation and action, or an unsupported value. Of
+//! the last only the reason is stored: it matters only where an output depends on it.
 
 use super::proto::{Attribute, DOUBLE, FLOAT, Graph, Model, Node, Tensor};
 use super::signal::{Input, Signal, Step};
@@ -16,25 +15,25 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::rc::Rc;
 
-/// What a node may be; a list for the user.
+/// The supported operations, for messages.
 const KNOWN: &str = "Add, Cast, Clip, Constant, Div, Dropout, Flatten, Gemm, Identity, MatMul, \
                      Max, Min, Mul, Relu, Sub, Tanh, Transpose";
 
-/// What an edge carries.
+/// The value of an edge.
 #[derive(Clone, Debug)]
 enum Edge<'a> {
-    /// In the file, not yet read.
+    /// A constant in the file that is not read yet.
     Stored(&'a Tensor),
     Constant(Rc<Constant>),
     Signal(Signal),
-    /// Nothing that an actor has, and why.
+    /// An unsupported value, and the reason.
     Other(Rc<str>),
 }
 
-/// Reads an actor. `folder` is where it lies, for weights kept in a file beside it.
+/// Reads an actor. `folder` is the folder of the file, for weights in a file beside it.
 ///
 /// # Errors
-/// [`ImportError`] names the node that is not an actor's.
+/// [`ImportError`] names the node that an actor cannot have.
 pub fn import(bytes: &[u8], folder: Option<&Path>) -> Result<ImportedActor, ImportError> {
     let model = Model::decode(bytes)?;
     let graph = model.graph.ok_or_else(|| ImportError::Graph("no graph in it".into()))?;
@@ -45,7 +44,7 @@ pub fn import(bytes: &[u8], folder: Option<&Path>) -> Result<ImportedActor, Impo
     let mut reasons = Vec::new();
     for output in &graph.output {
         let draft = match edges.get(output.name.as_str()) {
-            Some(Edge::Signal(signal)) => signal.clone().draft(),
+            Some(Edge::Signal(signal)) => signal.clone().imported_actor(),
             Some(Edge::Other(why)) => Err(why.to_string()),
             Some(Edge::Stored(_) | Edge::Constant(_)) => Err("it is a constant".into()),
             None => Err("no node gives it".into()),
@@ -102,9 +101,9 @@ impl<'a> Walk<'a> {
         Ok(self.edges)
     }
 
-    /// The first output of a node.
+    /// Evaluates a node and returns its first output.
     fn run(&self, node: &'a Node) -> Result<Edge<'a>, Rc<str>> {
-        // An edge that is nothing already says why.
+        // An unsupported input passes its reason on.
         let arrives = |name: &String| match self.edges.get(name.as_str()) {
             Some(Edge::Other(why)) => Some(why.clone()),
             _ => None,
@@ -169,7 +168,7 @@ impl<'a> Walk<'a> {
         result.map(Edge::Signal)
     }
 
-    /// An input; `None` where it is left out.
+    /// Returns an input; `None` where it is left out.
     fn edge(&self, node: &Node, index: usize) -> Result<Option<Edge<'a>>, String> {
         match node.input.get(index).map(String::as_str) {
             None | Some("") => Ok(None),
@@ -180,7 +179,7 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// An input that must be a constant; `None` where it is left out.
+    /// Returns an input that must be a constant; `None` where it is left out.
     fn constant(&self, node: &Node, index: usize) -> Result<Option<Rc<Constant>>, String> {
         match self.edge(node, index)? {
             None => Ok(None),
@@ -192,7 +191,7 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// A signal and a constant, and whether the constant comes first.
+    /// Returns a signal and a constant, and whether the constant comes first.
     fn pair(&self, node: &Node) -> Result<(Signal, Rc<Constant>, bool), String> {
         if node.input.len() != 2 {
             return Err(format!("{} inputs, expected 2", node.input.len()));
@@ -213,7 +212,7 @@ impl<'a> Walk<'a> {
         let (signal, by, reversed) = self.pair(node)?;
         match (reversed, step) {
             (false, _) | (true, Step::Add | Step::Mul) => signal.step(step, &by),
-            // c - x = -x + c
+            // A constant minus x is -x plus the constant.
             (true, Step::Sub) => {
                 signal.step(Step::Mul, &Constant::scalar(-1.0)?)?.step(Step::Add, &by)
             }
@@ -245,7 +244,7 @@ impl<'a> Walk<'a> {
     }
 
     fn clip(&self, node: &Node, mut signal: Signal) -> Result<Signal, String> {
-        // As attributes before opset 11, as inputs since.
+        // The bounds are attributes before opset 11, and inputs since.
         let bound = |name: &str, index| match attribute(node, name).and_then(|a| a.f) {
             Some(x) => Constant::scalar(x).map(|c| Some(Rc::new(c))),
             None => self.constant(node, index),
@@ -260,7 +259,7 @@ impl<'a> Walk<'a> {
     }
 }
 
-/// The value of a Constant node.
+/// Returns the value of a Constant node.
 fn constant(node: &Node) -> Result<Edge<'_>, String> {
     if let Some(tensor) = attribute(node, "value").and_then(|a| a.t.as_ref()) {
         return Ok(Edge::Stored(tensor));

@@ -1,8 +1,8 @@
-//! What flows through an actor's graph: an observation, then the sums of a layer,
+//! The values that flow through an actor's graph: an observation, then the sums of a layer,
 //! rectified or not, then an action.
 //!
-//! Each operation turns one of these into the next, or is refused. Scalings are
-//! gathered in f64 and rounded once.
+//! Each operation turns one of these into the next, or is refused. Scalings are accumulated in
+//! f64 and rounded once.
 
 use super::tensor::Constant;
 use crate::bridge::imported::{ImportedActor, Pairs};
@@ -11,7 +11,7 @@ use crate::preset::{ACTION_HIGH, ACTION_LOW};
 use leg_control::actor::{INPUTS, MAX_LAYERS, ObservationScaling};
 use std::rc::Rc;
 
-/// A step between actor and clip that scales or shifts.
+/// A scaling step between actor and clip.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Step {
     Add,
@@ -20,16 +20,16 @@ pub(super) enum Step {
     Div,
 }
 
-/// An edge of the graph, by what it carries.
+/// The kind of value on an edge.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Signal {
-    /// (observation - offset) * scale.
+    /// A scaled observation: (observation - offset) * scale.
     Observation(Input),
-    /// A layer's sums.
+    /// The sums of a layer.
     Sums(Trunk),
-    /// A layer's sums after ReLU.
+    /// The sums of a layer after ReLU.
     Rectified(Trunk),
-    /// clip(offset + scale * tanh(sums), low, high).
+    /// An action: clip(offset + scale * tanh(sums), low, high).
     Action(Trunk, Output),
 }
 
@@ -37,7 +37,7 @@ pub(super) enum Signal {
 pub(super) struct Input {
     offset: [f64; 3],
     scale: [f64; 3],
-    /// Whether the graph scales at all.
+    /// Whether the graph has a scaling at all.
     own: bool,
 }
 
@@ -45,7 +45,7 @@ impl Input {
     pub(super) const PLAIN: Self = Self { offset: [0.0; 3], scale: [1.0; 3], own: false };
 }
 
-/// The network so far.
+/// The layers of the network up to here.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Trunk {
     input: Input,
@@ -58,7 +58,7 @@ pub(super) struct Output {
     offset: [f64; 2],
     low: [f64; 2],
     high: [f64; 2],
-    /// Whether the graph scales at all.
+    /// Whether the graph has a scaling at all.
     own: bool,
 }
 
@@ -121,7 +121,7 @@ impl Signal {
         }
     }
 
-    /// A layer: `weights` of shape (outputs, inputs) row by row.
+    /// Appends a layer; `weights` are of shape (outputs, inputs), row by row.
     pub(super) fn dense(
         self,
         [outputs, inputs]: [usize; 2],
@@ -162,12 +162,12 @@ impl Signal {
         }
     }
 
-    /// Not below this.
+    /// Raises the lower bound.
     pub(super) fn at_least(self, low: &Constant) -> Result<Self, String> {
         self.bounded(low, f64::max)
     }
 
-    /// Not above this.
+    /// Lowers the upper bound.
     pub(super) fn at_most(self, high: &Constant) -> Result<Self, String> {
         self.bounded(high, f64::min)
     }
@@ -183,8 +183,8 @@ impl Signal {
         Ok(Self::Action(trunk, output))
     }
 
-    /// The actor, if this is an action.
-    pub(super) fn draft(self) -> Result<ImportedActor, String> {
+    /// Returns the actor, if this is an action.
+    pub(super) fn imported_actor(self) -> Result<ImportedActor, String> {
         let Self::Action(Trunk { input, layers }, output) = self else {
             return Err(format!("it is {}, with no Tanh at the end", self.kind()));
         };
@@ -213,8 +213,8 @@ impl Output {
         }
     }
 
-    /// The scaling and the bounds, each `None` where the graph has none: a graph that
-    /// ends with its tanh, or clips it from -1 to 1, leaves both to its user.
+    /// Returns the scaling and the bounds, each `None` where the graph has none. A graph that
+    /// ends with its tanh, or clips it from -1 to 1, leaves both to the user.
     fn scalings(&self) -> (Option<Pairs>, Option<Pairs>) {
         let f32s = |x: [f64; 2]| x.map(|x| x as f32);
         let wide = self.low.iter().all(|&x| x <= -1.0) && self.high.iter().all(|&x| x >= 1.0);

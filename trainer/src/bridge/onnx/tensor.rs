@@ -1,4 +1,4 @@
-//! Constants of a graph, in the file or in one beside it.
+//! The constants of a graph, in the file or in a file beside it.
 
 use super::proto::{DOUBLE, EXTERNAL, FLOAT, Tensor};
 use leg_control::actor::MAX_WIDTH;
@@ -6,8 +6,8 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Component, Path};
 
-/// Most values in a constant that an actor may have.
-const MOST_FIGURES: usize = MAX_WIDTH * MAX_WIDTH;
+/// Largest number of values in a constant of an actor.
+const MOST_VALUES: usize = MAX_WIDTH * MAX_WIDTH;
 
 /// A tensor of finite values.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,7 +21,8 @@ impl Constant {
         Self::new(vec![], vec![f64::from(x)])
     }
 
-    /// The only way to make one: as many values as the dimensions say, all finite.
+    /// Creates a constant, checking that it has as many values as its dimensions and that all
+    /// are finite.
     fn new(dims: Vec<usize>, values: Vec<f64>) -> Result<Self, String> {
         let expected: usize = dims.iter().product();
         if values.len() != expected {
@@ -29,22 +30,22 @@ impl Constant {
         }
         match values.iter().position(|x| !(*x as f32).is_finite()) {
             None => Ok(Self { dims, values }),
-            Some(i) => Err(format!("figure {i} is {}, not a finite number within f32", values[i])),
+            Some(i) => Err(format!("value {i} is {}, not a finite number within f32", values[i])),
         }
     }
 
-    /// Reads a tensor. `folder` is where files beside this one are looked for.
+    /// Reads a tensor. `folder` is the folder of files beside the graph.
     pub(super) fn read(tensor: &Tensor, folder: Option<&Path>) -> Result<Self, String> {
-        // Before any of it is read or made room for.
+        // Checked before anything is read or allocated.
         let mut count = 1_usize;
         let mut dims = Vec::new();
         for &n in &tensor.dims {
-            let n = usize::try_from(n).ok().filter(|&n| n <= MOST_FIGURES);
-            let larger = n.and_then(|n| count.checked_mul(n)).filter(|&c| c <= MOST_FIGURES);
+            let n = usize::try_from(n).ok().filter(|&n| n <= MOST_VALUES);
+            let larger = n.and_then(|n| count.checked_mul(n)).filter(|&c| c <= MOST_VALUES);
             let (Some(n), Some(larger)) = (n, larger) else {
                 let shape = &tensor.dims[..tensor.dims.len().min(8)];
                 return Err(format!(
-                    "shape {shape:?}, an actor's have at most {MOST_FIGURES} values"
+                    "shape {shape:?}, an actor's have at most {MOST_VALUES} values"
                 ));
             };
             count = larger;
@@ -82,7 +83,7 @@ impl Constant {
         Self::new(dims, values)
     }
 
-    /// Rows and columns.
+    /// Returns the numbers of rows and columns.
     pub(super) fn matrix(&self) -> Result<[usize; 2], String> {
         match self.dims[..] {
             [rows, columns] if rows > 0 && columns > 0 => Ok([rows, columns]),
@@ -98,7 +99,7 @@ impl Constant {
         Ok(Self { dims: vec![columns, rows], values: values.collect() })
     }
 
-    /// As a row of this width, to go with each row of a batch.
+    /// Returns the values as a row of this width, for each row of a batch.
     pub(super) fn spread_over(&self, width: usize) -> Result<Vec<f64>, String> {
         let leading = self.dims.split_last().map_or(&[][..], |(_, leading)| leading);
         match (self.values.len(), leading.iter().all(|&n| n == 1)) {
@@ -118,7 +119,7 @@ impl Constant {
     }
 }
 
-/// Bytes from a file in the same folder.
+/// Reads bytes from a file in the same folder.
 fn external(tensor: &Tensor, bytes: usize, folder: Option<&Path>) -> Result<Vec<u8>, String> {
     let entry =
         |key: &str| tensor.external_data.iter().find(|e| e.key == key).map(|e| e.value.as_str());
@@ -142,7 +143,7 @@ fn external(tensor: &Tensor, bytes: usize, folder: Option<&Path>) -> Result<Vec<
     let folder = folder.ok_or("external data, but no folder to look in")?;
     let path = folder.join(place);
     let unreadable = |why: String| format!("external data in {}: {why}", path.display());
-    // Nor by a link to somewhere else.
+    // A symbolic link must not lead out of the folder either.
     let real = |p: &Path| p.canonicalize().map_err(|e| unreadable(e.to_string()));
     if !real(&path)?.starts_with(real(folder)?) || !path.is_file() {
         return Err(unreadable("not a file below the folder of the ONNX file".into()));

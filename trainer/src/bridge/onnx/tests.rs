@@ -1,4 +1,4 @@
-//! Graphs as others write them.
+//! Graphs as other programs write them.
 
 use super::import;
 use super::proto::{
@@ -19,7 +19,8 @@ fn tensor(name: &str, dims: &[i64], numbers: &[f32]) -> Tensor {
     }
 }
 
-/// `op in in ... > out`, with an integer attribute after a colon: `Gemm:transB=1`.
+/// Parses a node `op in in ... > out`, with an integer attribute after a colon:
+/// `Gemm:transB=1`.
 fn node(text: &str) -> Node {
     let (left, output) = text.split_once(" > ").unwrap();
     let mut words = left.split(' ');
@@ -79,13 +80,13 @@ fn read(nodes: &[&str]) -> Result<ImportedActor, String> {
 }
 
 fn act(draft: ImportedActor, [vx, y, rho]: [f32; 3]) -> [f32; 2] {
-    let packed = draft.complete(&ImportOptions::default()).unwrap().packed;
+    let packed = draft.complete(&ImportOptions::default()).unwrap().actor;
     let observation = Observation { apex_vx_m_s: vx, apex_y_m: y, density_ratio: rho };
     let Action { touchdown_angle_rad, elongation_speed_m_s } = packed.actor().act(observation);
     [touchdown_angle_rad, elongation_speed_m_s]
 }
 
-/// The network of [`constants`], by hand.
+/// Returns the output of the network of [`constants`], computed directly.
 fn tanh_of_network([a, b, c]: [f32; 3]) -> [f32; 2] {
     let h = [0.125 + a + 0.5 * b + 0.25 * c, -0.5 - a + 2.0 * b + 3.0 * c].map(|x| x.max(0.0));
     [0.0625 + 0.5 * h[0] - 0.25 * h[1], -0.5 + 0.125 * h[0] + h[1]].map(libm::tanhf)
@@ -94,7 +95,7 @@ fn tanh_of_network([a, b, c]: [f32; 3]) -> [f32; 2] {
 const X: [f32; 3] = [0.75, 0.5, 0.125];
 
 #[test]
-fn the_same_network_is_read_however_its_layers_are_written() {
+fn reads_the_same_network_in_all_its_spellings() {
     let spellings: [&[&str]; 4] = [
         &["Gemm:transB=1 obs w1 b1 > a", "Relu a > b", "Gemm:transB=1 b w2 b2 > c", "Tanh c > act"],
         &["Gemm obs w1t b1 > a", "Relu a > b", "Gemm:transB=0 b w2t b2 > c", "Tanh c > act"],
@@ -119,7 +120,7 @@ fn the_same_network_is_read_however_its_layers_are_written() {
         ],
     ];
     let tanh = tanh_of_network(X);
-    // Nothing is said of the actions: they are spread over the leg's bounds.
+    // The graph does not scale its actions, so they are spread over the leg's bounds.
     let pi = std::f32::consts::PI;
     let [low, high] = [pi / 10.0, pi / 1.2];
     let expected = [low + (tanh[0] + 1.0) * (high - low) / 2.0, tanh[1] + 1.0];
@@ -141,11 +142,11 @@ fn with_network<'a>(before: &[&'a str], after: &[&'a str]) -> Vec<&'a str> {
 }
 
 #[test]
-fn scalings_and_clips_are_taken_from_the_graph() {
+fn takes_scalings_and_clips_from_the_graph() {
     let scaled = [0, 1, 2].map(|i| (X[i] - [0.5, 2.0, 0.0][i]) / [2.0, 4.0, 0.5][i]);
     let tanh = tanh_of_network(scaled);
     let before = ["Sub obs mean > s", "Div s deviation > x"];
-    // low + (high - low) (tanh + 1) / 2, as a Box action is unscaled
+    // A Box action is unscaled by low + (high - low) (tanh + 1) / 2.
     let after = ["Add t one > u", "Mul u half > v", "Mul range v > w", "Add w low > act"];
     let draft = read(&with_network(&before, &after)).unwrap();
     assert_eq!(draft.bounds, None);
@@ -159,10 +160,10 @@ fn scalings_and_clips_are_taken_from_the_graph() {
     let draft = read(&with_network(&before, &clipped)).unwrap();
     assert_eq!(draft.action, Some([[2.0; 2], [0.0; 2]]));
     assert_eq!(draft.bounds, Some([[0.5, 0.0], [2.0, 2.0]]));
-    // One that changes nothing says nothing.
+    // A clip without effect states no bounds.
     let draft = read(&with_network(&before, &["Clip t minus one > act"])).unwrap();
     assert_eq!((draft.action, draft.bounds), (None, None));
-    // c - x
+    // A constant minus the observation.
     let draft = read(&with_network(&["Sub mean obs > x"], &["Sub high t > act"])).unwrap();
     let scaling = draft.observation.unwrap();
     assert_eq!((scaling.offset, scaling.scale), ([0.5, 2.0, 0.0], [-1.0; 3]));
@@ -170,7 +171,7 @@ fn scalings_and_clips_are_taken_from_the_graph() {
 }
 
 #[test]
-fn what_no_actor_does_is_named() {
+fn names_the_operation_that_an_actor_cannot_have() {
     let refused = |nodes: &[&str]| read(nodes).unwrap_err();
     let elu =
         ["Gemm:transB=1 obs w1 b1 > a", "Elu a > b", "Gemm:transB=1 b w2 b2 > c", "Tanh c > act"];
@@ -199,14 +200,14 @@ fn what_no_actor_does_is_named() {
     assert!(refused(&["Gemm obs _ b1 > act"]).contains("its second input is missing"));
 }
 
-/// The graph of one layer, whose weights are this tensor.
+/// Reads the graph of one layer with this tensor as its weights.
 fn of_weights(weights: Tensor, folder: Option<&Path>) -> Result<ImportedActor, String> {
     let nodes = ["Gemm:transB=1 obs w > a", "Tanh a > act"];
     import(&model(&nodes, vec![weights]), folder).map_err(|e| e.to_string())
 }
 
 #[test]
-fn damaged_tensors_are_refused() {
+fn refuses_damaged_tensors() {
     let good = || tensor("w", &[2, 3], &[1.0; 6]);
     assert!(of_weights(good(), None).is_ok());
     let refused = |change: &dyn Fn(&mut Tensor), said: &str| {
@@ -218,16 +219,16 @@ fn damaged_tensors_are_refused() {
     refused(&|t| t.dims = vec![i64::MAX, 3], "at most 16384 numbers");
     refused(&|t| t.dims = vec![1 << 32, 1 << 32], "at most 16384 numbers");
     refused(&|t| t.dims = vec![-2, -3], "at most 16384 numbers");
-    refused(&|t| t.dims = vec![0, 3], "6 numbers where its shape [0, 3] has 0");
+    refused(&|t| t.dims = vec![0, 3], "6 values where its shape [0, 3] has 0");
     refused(&|t| t.dims = vec![6], "expected a matrix");
-    refused(&|t| t.float_data[4] = f32::NAN, "figure 4 is NaN");
+    refused(&|t| t.float_data[4] = f32::NAN, "value 4 is NaN");
     refused(&|t| t.data_type = 10, "data type 10, readable are");
     refused(&|t| t.raw_data = Some(vec![0; 23]), "23 bytes where its shape [2, 3] has 24");
     refused(&|t| t.data_location = EXTERNAL, "without a location");
 }
 
 #[test]
-fn weights_beside_the_file_are_read_and_only_those() {
+fn reads_external_weights_only_below_the_files_folder() {
     let directory = tempfile::tempdir().unwrap();
     let folder = directory.path().join("model");
     std::fs::create_dir(&folder).unwrap();

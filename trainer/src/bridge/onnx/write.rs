@@ -1,4 +1,4 @@
-//! From a policy to a graph.
+//! From a policy to an ONNX graph.
 
 use super::proto::{
     ATTRIBUTE_INT, Attribute, Dimension, Entry, FLOAT, Graph, Model, Node, OperatorSet, Shape,
@@ -10,18 +10,18 @@ use leg_control::actor::{INPUTS, OUTPUTS};
 use leg_control::policy::Policy;
 use prost::Message;
 
-/// Of January 2021: old enough for every runtime in use, and the first in which all
-/// operations used here have the form that they still have.
+/// Operator set of January 2021: every runtime in use has it, and it is the first in which all
+/// operations used here have their present form.
 const OPSET: i64 = 13;
-/// The version of the file format that goes with it.
+/// Version of the file format that belongs to the operator set.
 const IR_VERSION: i64 = 7;
 
-/// A policy as an ONNX file: a graph from `observation`, f32 (batch, 3), to `action`,
-/// f32 (batch, 2). The same bytes every time.
+/// Writes a policy as an ONNX file: a graph from `observation`, f32 (batch, 3), to `action`,
+/// f32 (batch, 2). The same policy gives the same bytes.
 ///
-/// Sub, Mul, then Gemm and Relu by turns, Tanh, Mul, Add, and Max and Min for the clip,
-/// whose bounds differ from action to action. Only what is not a number goes another
-/// way: here it stays so, where the controller takes the lowest action.
+/// The nodes are Sub, Mul, then Gemm and Relu alternating, Tanh, Mul, Add, and Max and Min for
+/// the clip, whose bounds differ between the actions. Only NaN is treated differently: here it
+/// stays NaN, where the controller takes the lowest action.
 #[must_use]
 pub fn export(policy: &Policy<'_>) -> Vec<u8> {
     let packed = PackedActor::from(policy);
@@ -78,9 +78,9 @@ pub fn export(policy: &Policy<'_>) -> Vec<u8> {
     .encode_to_vec()
 }
 
-/// Nodes one after the other.
+/// A chain of nodes.
 struct Chain {
-    /// The last one's output.
+    /// Output of the last node.
     at: String,
     nodes: Vec<Node>,
     initializers: Vec<Tensor>,
@@ -117,7 +117,7 @@ impl Chain {
     }
 }
 
-/// Any number of rows of this width.
+/// Returns the type of any number of rows of this width.
 fn batch_of(name: &str, width: usize) -> ValueInfo {
     let batch = Dimension { dim_value: None, dim_param: Some("batch".into()) };
     let width = Dimension { dim_value: Some(dimension(width)), dim_param: None };
@@ -126,7 +126,7 @@ fn batch_of(name: &str, width: usize) -> ValueInfo {
     ValueInfo { name: name.into(), kind: Some(Type { tensor_type }) }
 }
 
-/// A width of an actor: at most 128.
+/// Converts a dimension; those of an actor are at most 128.
 fn dimension(n: usize) -> i64 {
     i64::try_from(n).unwrap_or(i64::MAX)
 }
