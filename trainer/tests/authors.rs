@@ -1,7 +1,7 @@
-//! The published actors (doi 10.5281/zenodo.4607469), imported: their test vectors
-//! (which the import checks) and how they do from 2,000 random starts.
+//! The published actors (doi 10.5281/zenodo.4607469): the import checks their test vectors, and
+//! the tests compare their metrics from 2,000 random starts.
 //!
-//! The actors are not part of this repository: see [`requirements::reference_data`].
+//! The actors are not part of this repository, see [`requirements::reference_data`].
 
 use leg_control::policy::GainPoint;
 use rand::SeedableRng;
@@ -13,7 +13,7 @@ use trainer::evaluate::survival::{Survival, draw_starts, survival};
 use trainer::evaluate::tracking::{highest_speed, track};
 use trainer::policy::PackedActor;
 
-/// A published actor. Where the folder is there, so must the actor be.
+/// Imports a published actor; `None` without the folder. In the folder every actor must exist.
 fn imported(name: &str) -> Option<PackedActor> {
     let path = requirements::reference_data()?.join(format!("actor_{name}.json"));
     let text = std::fs::read_to_string(&path)
@@ -26,9 +26,11 @@ fn at(packed: &PackedActor, rho: f64) -> Survival {
     survival(&packed.actor(), &hopper(rho), rho, &starts)
 }
 
-/// Expected survive30, median and 95 % |v|, reward over five steps.
+/// Compares survival, median and 95 % quantile of
+/// v
+/// , and the reward over five steps.
 fn assert_near(s: Survival, survive30: f64, v: Option<[f64; 2]>, reward5: f64) {
-    // Three standard errors of 2,000 starts and of the 5,000 compared with.
+    // Three standard errors of 2,000 starts and of the reference's 5,000.
     let error = (survive30 * (1.0 - survive30) * (1.0 / 2000.0 + 1.0 / 5000.0)).sqrt();
     assert!((s.survive30 - survive30).abs() <= 3.0 * error + 6e-4, "{s:?}, {survive30}");
     if let Some([median, p95]) = v {
@@ -39,7 +41,7 @@ fn assert_near(s: Survival, survive30: f64, v: Option<[f64; 2]>, reward5: f64) {
 }
 
 #[test]
-fn all_three_actors_give_their_test_vectors() {
+fn the_published_actors_reproduce_their_test_vectors() {
     let Some(folder) = requirements::reference_data() else { return };
     let vectors = |name: &str| {
         let path = folder.join(format!("actor_{name}.json"));
@@ -54,7 +56,7 @@ fn all_three_actors_give_their_test_vectors() {
 }
 
 #[test]
-fn the_water_actor_hops_in_water_only() {
+fn the_published_water_actor_survives_in_water_only() {
     let Some(actor) = imported("water") else { return };
     assert_eq!(actor.widths.as_slice(), [3, 100, 100, 2]);
     assert_near(at(&actor, 1.0), 1.0, Some([0.200, 0.200]), 4.00);
@@ -62,14 +64,14 @@ fn the_water_actor_hops_in_water_only() {
 }
 
 #[test]
-fn the_air_actor_does_not_last() {
+fn the_published_air_actor_falls_on_land() {
     let Some(actor) = imported("air") else { return };
     assert_near(at(&actor, 0.05), 0.905, Some([5.73, 5.73]), 0.34);
     assert_near(at(&actor, 0.0), 0.0, None, 0.20);
 }
 
 #[test]
-fn the_transferred_actor_hops_everywhere() {
+fn the_published_transferred_actor_survives_at_every_density() {
     let Some(actor) = imported("water_to_air") else { return };
     assert_near(at(&actor, 1.0), 0.993, Some([0.036, 0.036]), 7.80);
     assert_near(at(&actor, 0.5), 0.989, Some([0.148, 0.148]), 5.06);
@@ -79,7 +81,7 @@ fn the_transferred_actor_hops_everywhere() {
 }
 
 #[test]
-fn the_transferred_actor_follows_a_speed_on_land() {
+fn the_published_transferred_actor_tracks_a_set_point_on_land() {
     let Some(actor) = imported("water_to_air") else { return };
     let gains = |ki, feed_forward| {
         let point = GainPoint { ki, feed_forward, limit_m_s: 10.0, ..GainPoint::default() };
@@ -92,14 +94,14 @@ fn the_transferred_actor_follows_a_speed_on_land() {
     let run = track(&actor, &gains(0.0, 1.0), 0.0, 1.0);
     assert!((run.mean_v.unwrap() - 3.2).abs() < 0.1, "{run:?}");
     assert!(track(&actor, &gains(0.05, 0.0), 1.0, 1.0).fell);
-    // 5.98 by the ramp as the source of that figure has it: to a few tenths, for
-    // it ends where the leg falls.
+    // The reference has 5.98 m/s. The ramp ends where the leg falls, so this holds to a few
+    // tenths.
     let speed = highest_speed(&actor, &gains(0.02, 0.0), 0.0);
     assert!((5.5..6.3).contains(&speed), "{speed}");
 }
 
 #[test]
-fn the_transferred_actor_on_other_legs() {
+fn the_published_transferred_actor_survives_as_published_on_other_legs() {
     let Some(actor) = imported("water_to_air") else { return };
     let starts = draw_starts(2000, &mut Pcg64::seed_from_u64(11));
     for (change, survive30) in [
@@ -115,7 +117,8 @@ fn the_transferred_actor_on_other_legs() {
         (Change::Mass(120.0), 0.70),
     ] {
         let s = Condition::on_land(change).run(&actor.actor(), &starts).survival;
-        // Three standard errors of either set of starts, and the figure's rounding.
+        // Three standard errors of both sets of starts, and the rounding of the published
+        // value.
         let variance = survive30 * (1.0 - survive30) * (1.0 / 2000.0 + 1.0 / 5000.0);
         let off = (s.survive30 - survive30).abs();
         assert!(off <= 3.0 * variance.sqrt() + 5e-3, "{change}: {s:?}, {survive30}");

@@ -1,5 +1,5 @@
-//! Policies out to safetensors and ONNX and in again; files that others write, and
-//! files that are damaged.
+//! Export and import of policies by safetensors and ONNX, with files of other programs and
+//! damaged files.
 
 use leg_control::policy::{Policy, SHIPPED};
 use leg_process::policy_file::AlignedBytes;
@@ -31,7 +31,7 @@ fn imports() -> [(Vec<u8>, Import); 2] {
 }
 
 #[test]
-fn a_policy_comes_back_bit_for_bit() {
+fn an_import_restores_the_exported_policy_bit_for_bit() {
     for (bytes, import) in imports() {
         let imported = import(&bytes).unwrap().complete(&ImportOptions::default()).unwrap();
         assert_eq!(imported.actor, PackedActor::from(&shipped()));
@@ -39,32 +39,32 @@ fn a_policy_comes_back_bit_for_bit() {
         let card = imported.card.expect("the weights are those it was written for");
         assert_eq!(card.policy(&imported.actor).unwrap().as_slice(), SHIPPED);
     }
-    // The same file every time, whatever the order of a hash map.
+    // The bytes must not depend on the order of a hash map.
     for (first, second) in imports().into_iter().zip(imports()) {
         assert!(first.0 == second.0);
     }
 }
 
 #[test]
-fn a_card_does_not_vouch_for_other_weights() {
+fn a_model_card_is_dropped_when_the_weights_changed() {
     let (bytes, import) = imports().into_iter().next().unwrap();
-    let mut draft = import(&bytes).unwrap();
-    draft.layers[1].weights[7] += 1e-3;
-    let imported = draft.complete(&ImportOptions::default()).unwrap();
+    let mut read = import(&bytes).unwrap();
+    read.layers[1].weights[7] += 1e-3;
+    let imported = read.complete(&ImportOptions::default()).unwrap();
     assert_eq!(imported.card, None);
     assert_eq!(imported.actor.observation, PackedActor::from(&shipped()).observation);
 }
 
 #[test]
-fn what_the_file_says_cannot_be_said_otherwise() {
+fn refuses_a_value_that_the_file_states() {
     for (bytes, import) in imports() {
         let given = ImportOptions { action_scale: Some([1.0, 1.0]), ..ImportOptions::default() };
         let error = import(&bytes).unwrap().complete(&given).unwrap_err();
-        assert_eq!(error.to_string(), "--action-scale: the file has its own; leave the option out");
+        assert_eq!(error.to_string(), "action scale: the file states its own");
     }
 }
 
-/// The shipped actor as another program would save it.
+/// Writes the shipped actor as another program would.
 fn foreign(prefix: &str, dtype: Dtype, change: impl Fn(&str, &mut Vec<f64>)) -> Vec<u8> {
     let layers = PackedActor::from(&shipped()).layers();
     let mut tensors = Vec::new();
@@ -92,18 +92,18 @@ fn foreign(prefix: &str, dtype: Dtype, change: impl Fn(&str, &mut Vec<f64>)) -> 
 }
 
 #[test]
-fn a_state_dict_of_another_program_is_read() {
+fn imports_the_state_dict_of_another_program() {
     let own = PackedActor::from(&shipped());
     for (prefix, dtype) in [("", Dtype::F32), ("actor.mu.", Dtype::F64), ("pi.", Dtype::F32)] {
-        let draft = st::import(&foreign(prefix, dtype, |_, _| ()), None).unwrap();
-        let imported = draft.complete(&ImportOptions::default()).unwrap();
+        let imported = st::import(&foreign(prefix, dtype, |_, _| ()), None).unwrap();
+        let imported = read.complete(&ImportOptions::default()).unwrap();
         assert_eq!(imported.actor.weights, own.weights);
-        // Spread over the leg's actions.
+        // By default tanh is spread over the leg's range of actions.
         let action = imported.actor.action;
         assert_eq!((action.offset[1], action.scale[1]), (1.0, 1.0));
         assert!((action.offset[0] + action.scale[0] - action.high[0]).abs() < 1e-6);
         assert_eq!(imported.assumed.len(), 4, "{:?}", imported.assumed);
-        // Or scaled as the user says.
+        // The given scalings replace the defaults.
         let given = ImportOptions {
             observation_offset: Some(own.observation.offset),
             observation_scale: Some(own.observation.scale),
@@ -112,26 +112,26 @@ fn a_state_dict_of_another_program_is_read() {
             action_low: Some(own.action.low),
             action_high: Some(own.action.high),
         };
-        let draft = st::import(&foreign(prefix, dtype, |_, _| ()), None).unwrap();
-        assert_eq!(draft.complete(&given).unwrap().actor, own);
+        let imported = st::import(&foreign(prefix, dtype, |_, _| ()), None).unwrap();
+        assert_eq!(imported.complete(&given).unwrap().actor, own);
     }
 }
 
 #[test]
-fn a_state_dict_that_cannot_fly_is_refused() {
+fn refuses_a_state_dict_that_is_no_actor() {
     let refused = |bytes: Vec<u8>| st::import(&bytes, None).unwrap_err().to_string();
     let nan = foreign("", Dtype::F32, |name, numbers| {
         if name == "2.weight" {
             numbers[3] = f64::NAN;
         }
     });
-    assert_eq!(refused(nan), "\"2.weight\", figure 3: NaN, expected a finite number within f32");
+    assert_eq!(refused(nan), "\"2.weight\", number 3: NaN, expected a finite number within f32");
     let large = foreign("", Dtype::F64, |name, numbers| {
         if name == "4.bias" {
             numbers[1] = 1e39;
         }
     });
-    assert!(refused(large).starts_with("\"4.bias\", figure 1: inf, expected a finite"));
+    assert!(refused(large).starts_with("\"4.bias\", number 1: inf, expected a finite"));
     let half = foreign("", Dtype::F16, |_, _| ());
     assert_eq!(refused(half), "\"0.weight\": dtype F16, expected F32 or F64");
     assert!(refused(b"PK\x03\x04 a file of torch.save".to_vec()).starts_with("not a safetensors"));
@@ -146,7 +146,7 @@ fn a_state_dict_that_cannot_fly_is_refused() {
 }
 
 #[test]
-fn damaged_files_are_refused_or_read_but_never_a_panic() {
+fn importing_damaged_files_never_panics() {
     let mut rng = Pcg64::seed_from_u64(5);
     for (bytes, import) in imports() {
         let check =
@@ -159,8 +159,8 @@ fn damaged_files_are_refused_or_read_but_never_a_panic() {
                 }
                 Ok(Err(_)) | Err(_) => false,
             };
-        // Cut off: a weight is missing, or it is no file at all. (Protobuf does not
-        // say how long it is: what is lost at the end may not be missed.)
+        // A truncated file lacks a weight or its structure. Protobuf does not state its length,
+        // so the last bytes may be lost unnoticed.
         let cut: Vec<usize> = (0..200).chain((0..200).map(|i| bytes.len() * i / 200)).collect();
         for length in cut {
             assert!(!check(&bytes[..length.min(bytes.len() - 6000)]), "{length}");
@@ -168,7 +168,7 @@ fn damaged_files_are_refused_or_read_but_never_a_panic() {
         let mut taken = 0;
         for _ in 0..4000 {
             let mut damaged = bytes.clone();
-            // Where the structure is, and where the weights are.
+            // Damages the structure at the start of the file more often than the weights.
             let within = if rng.random_bool(0.7) { 600 } else { damaged.len() };
             for _ in 0..rng.random_range(1..4) {
                 let at = rng.random_range(0..within);
@@ -181,7 +181,7 @@ fn damaged_files_are_refused_or_read_but_never_a_panic() {
             }
             taken += usize::from(check(&damaged));
         }
-        // Both ways happened: a changed figure is still an actor.
+        // Both outcomes must occur: a changed weight is still a valid actor.
         assert!((1..4000).contains(&taken), "{taken}");
     }
 }
@@ -195,7 +195,7 @@ fn trainer(line: &str, directory: &Path) -> Output {
 }
 
 #[test]
-fn the_commands_there_and_back() {
+fn the_commands_export_and_import_a_policy() {
     let directory = tempfile::tempdir().unwrap();
     let path = |name: &str| directory.path().join(name);
     let run = |line: &str| {
@@ -220,7 +220,7 @@ fn the_commands_there_and_back() {
     std::fs::write(path("f.safetensors"), foreign("mu.", Dtype::F32, |_, _| ())).unwrap();
     let said = run("import --safetensors f.safetensors --ki 0.05 --out f.bin \
                     --observation-offset=-1,0,0 --action-low 0.5,0 --action-high 2,1");
-    assert!(said.contains("Taken for granted: ReLU between the layers"), "{said}");
+    assert!(said.contains("Assumed: ReLU between the layers"), "{said}");
     for (line, said) in [
         ("import --out p.bin", "--safetensors <FILE>|--onnx <FILE>|--json <FILE>"),
         ("import --onnx a.onnx --json a.json --out p.bin", "cannot be used with"),
@@ -258,7 +258,7 @@ fn the_commands_there_and_back() {
     assert!(!path("q.bin").exists() && !path("x.c").exists());
 }
 
-/// What `trainer env` answers, and its exit status.
+/// Runs `trainer env`; returns its output, its errors and its exit status.
 fn env(input: &str) -> (String, String, Option<i32>) {
     let mut child = Command::new(env!("CARGO_BIN_EXE_trainer"))
         .args(["env", "--preset", "water", "--seed", "3"])
@@ -274,7 +274,7 @@ fn env(input: &str) -> (String, String, Option<i32>) {
 }
 
 #[test]
-fn the_environment_answers_line_by_line() {
+fn the_environment_answers_each_line_with_one_line() {
     let upright = "step 1.57 0\n".repeat(3);
     let (said, error, status) = env(&format!("reset\n{upright}reset\n"));
     assert_eq!((error.as_str(), status), ("", Some(0)));
@@ -282,16 +282,16 @@ fn the_environment_answers_line_by_line() {
     assert_eq!(lines.iter().map(Vec::len).collect::<Vec<_>>(), [3, 5, 5, 5, 3]);
     assert!(lines[1..4].iter().all(|l| l[4] == "no" && l[2] == lines[0][2]), "{said}");
     assert_eq!(env(&format!("reset\n{upright}reset\n")).0, said);
-    // A leg stretched far back catches nothing, and the episode is over.
+    // A leg far behind the body falls, and the episode ends.
     let (said, error, status) = env(&format!("reset\n{}", "step 0 0\n".repeat(20)));
     assert!(said.lines().last().unwrap().ends_with(" 0 fall"), "{said}");
-    assert!(error.contains("no episode under way; reset first"), "{error}");
+    assert!(error.contains("no episode has begun; reset first"), "{error}");
     assert_eq!(status, Some(2));
     for (input, wanted) in [
         ("jump\n", "line 1: 'jump' is neither reset nor step ALPHA RS"),
         ("reset\nstep 1 x\n", "line 2: 'x' is not a finite number"),
         ("reset\nstep NaN 0\n", "line 2: 'NaN' is not a finite number"),
-        ("step 1 1\n", "line 1: no episode under way"),
+        ("step 1 1\n", "line 1: no episode has begun"),
     ] {
         let (_, error, status) = env(input);
         assert!(error.contains(wanted) && status == Some(2), "{error}");

@@ -1,4 +1,4 @@
-//! The exported C, compiled and run: the same bits as the controller's actor.
+//! The exported C is compiled and run, and must give the bits of the controller's actor.
 
 use leg_control::actor::{Actor, Observation, ObservationScaling};
 use leg_control::policy::{Policy, SHIPPED};
@@ -11,7 +11,7 @@ use trainer::bridge::model_card::ModelCard;
 use trainer::net::mlp::Layer;
 use trainer::policy::{PackedActor, blob_with_manifest};
 
-/// Reads observations and writes actions, both as their bits.
+/// A program that reads observations and writes actions, both as their bits.
 const DRIVER: &str = r"
 #include <stdio.h>
 void leg_actor(const float observation[3], float action[2]);
@@ -34,8 +34,8 @@ fn gcc(folder: &Path, arguments: &[&str]) {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
-/// Within the trained range and far out of it: huge, tiny, subnormal, zeros of both
-/// signs, infinities and what is not a number.
+/// Draws observations within the trained range and far outside: huge, tiny, subnormal, zeros of
+/// both signs, infinities and NaN.
 fn observations(rng: &mut Pcg64, count: usize) -> Vec<[f32; 3]> {
     let special = [
         0.0,
@@ -88,7 +88,7 @@ fn act(actor: &Actor<'_>, [vx, y, rho]: [f32; 3]) -> [f32; 2] {
 }
 
 #[test]
-fn the_exported_c_gives_the_controllers_bits() {
+fn the_exported_c_computes_the_controllers_bits() {
     if !requirements::gcc() {
         return;
     }
@@ -97,8 +97,8 @@ fn the_exported_c_gives_the_controllers_bits() {
     agree(&policy, 20_000, "-O0");
 }
 
-/// One layer that hands an observation's numbers to tanh as they are, hardly clipped,
-/// so that every branch of tanh shows.
+/// Uses one layer that passes an observation's numbers to tanh, so that every branch of tanh is
+/// covered.
 #[test]
 fn the_translated_tanh_is_libms_on_every_branch() {
     if !requirements::gcc() {
@@ -116,7 +116,7 @@ fn the_translated_tanh_is_libms_on_every_branch() {
         blob_with_manifest(&ModelCard::from(&policy).manifest(&packed), &packed.weights).unwrap();
     let policy = Policy::parse(blob.as_slice()).unwrap();
     agree(&policy, 50_000, "-O2");
-    // Every exponent from subnormal to infinite, and 4,000 fractions of each.
+    // Covers every exponent from subnormal to infinite, with 4,000 fractions each.
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("leg_actor.c"), c::export(&policy, &[])).unwrap();
     std::fs::write(folder.path().join("driver.c"), DRIVER).unwrap();
@@ -137,7 +137,7 @@ fn the_translated_tanh_is_libms_on_every_branch() {
 }
 
 #[test]
-fn the_self_test_passes_and_can_fail() {
+fn the_c_self_test_passes_and_fails_after_a_change() {
     if !requirements::gcc() {
         return;
     }
@@ -153,7 +153,7 @@ fn the_self_test_passes_and_can_fail() {
         Command::new(folder.path().join("self_test")).status().unwrap().code()
     };
     assert_eq!(status(), Some(0));
-    // One bias is off by a little.
+    // Changes one bias slightly.
     let path = folder.path().join("leg_actor.c");
     let text = std::fs::read_to_string(&path).unwrap();
     std::fs::write(&path, text.replacen("float sum = bias[j];", "float sum = bias[j] + 1e-5f;", 1))

@@ -1,4 +1,4 @@
-//! The command line as a user sees it.
+//! The command line, from the user's side.
 
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
@@ -17,7 +17,7 @@ fn text(bytes: &[u8]) -> String {
 }
 
 #[test]
-fn from_training_to_actions() {
+fn trains_inspects_evaluates_and_infers() {
     let directory = tempfile::tempdir().unwrap();
     let run = |line: &str| {
         let arguments: Vec<&str> = line.split(' ').collect();
@@ -69,7 +69,7 @@ fn from_training_to_actions() {
     run("infer --policy p.bin --input o.csv --output a.csv");
     assert_eq!(std::fs::read_to_string(directory.path().join("a.csv")).unwrap(), actions);
 
-    // Nothing is left behind under another name.
+    // No temporary file is left.
     let mut files: Vec<_> = std::fs::read_dir(directory.path())
         .unwrap()
         .map(|f| f.unwrap().file_name().into_string().unwrap())
@@ -79,7 +79,7 @@ fn from_training_to_actions() {
 }
 
 #[test]
-fn what_cannot_be_used_is_named_with_status_2() {
+fn input_errors_name_the_cause_with_status_2() {
     let directory = tempfile::tempdir().unwrap();
     let write = |name: &str, content: &str| {
         std::fs::write(directory.path().join(name), content).unwrap();
@@ -124,7 +124,7 @@ fn what_cannot_be_used_is_named_with_status_2() {
     for name in ["p.bin", "p.csv"] {
         assert!(!directory.path().join(name).exists(), "{name}");
     }
-    // What is refused for its name is fine with another.
+    // A name that is refused by default can be given.
     let output = trainer(&["import", "--json", "good.json", "--out", "p.bin"], directory.path());
     assert!(output.status.success(), "{}", text(&output.stderr));
     let help = text(&trainer(&["import", "--help"], directory.path()).stdout);
@@ -132,7 +132,7 @@ fn what_cannot_be_used_is_named_with_status_2() {
 }
 
 #[test]
-fn a_signal_stops_a_training_in_good_order() {
+fn a_signal_stops_a_training_with_a_checkpoint() {
     let directory = tempfile::tempdir().unwrap();
     let child = Command::new(env!("CARGO_BIN_EXE_trainer"))
         .args(["train", "--preset", "air", "--steps", "1000000000", "--out", "p.bin"])
@@ -140,7 +140,7 @@ fn a_signal_stops_a_training_in_good_order() {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    // The log is begun after the signals are seen to.
+    // The log exists once the signal handlers are installed.
     for _ in 0..1000 {
         if std::fs::read_dir(directory.path()).unwrap().count() > 0 {
             break;
@@ -155,7 +155,7 @@ fn a_signal_stops_a_training_in_good_order() {
     assert_eq!(output.status.code(), Some(1), "{error}");
     assert!(error.starts_with("trainer: stopped by a signal after "), "{error}");
     assert!(
-        error.contains("no policy written; go on with: trainer train --resume --out p.bin"),
+        error.contains("no policy written; resume with: trainer train --resume --out p.bin"),
         "{error}"
     );
     let mut files: Vec<_> =
@@ -165,7 +165,7 @@ fn a_signal_stops_a_training_in_good_order() {
 }
 
 #[test]
-fn a_printed_configuration_trains_the_same_policy() {
+fn a_printed_configuration_trains_the_policy_of_its_preset() {
     let directory = tempfile::tempdir().unwrap();
     let path = |name: &str| directory.path().join(name);
     let run = |line: &str| {
@@ -197,7 +197,7 @@ fn a_printed_configuration_trains_the_same_policy() {
 }
 
 #[test]
-fn a_bad_observation_is_named_with_line_and_column() {
+fn infer_names_line_and_column_of_a_bad_observation() {
     let directory = tempfile::tempdir().unwrap();
     let path = |name: &str| directory.path().join(name);
     let train = "train --preset air --episodes 5 --out p.bin --eval-starts 0";
@@ -224,7 +224,7 @@ fn a_bad_observation_is_named_with_line_and_column() {
         let output = trainer(&["infer", "--policy", "p.bin", "--input", "o.csv"], directory.path());
         assert_eq!((output.status.code(), text(&output.stdout).as_str()), (Some(2), ""));
     }
-    // A directory that is not there is found out before the training.
+    // A folder that does not exist is found before the training.
     let output =
         trainer(&["train", "--preset", "robust", "--out", "nowhere/p.bin"], directory.path());
     assert_eq!(output.status.code(), Some(1));

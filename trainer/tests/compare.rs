@@ -1,4 +1,4 @@
-//! `trainer compare` as a user sees it.
+//! The command `trainer compare`, from the user's side.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -18,7 +18,7 @@ fn text(bytes: &[u8]) -> String {
 }
 
 #[test]
-fn a_policy_against_itself_and_against_one_that_cannot_hop() {
+fn compares_a_policy_with_itself_and_with_one_that_falls() {
     let directory = tempfile::tempdir().unwrap();
     let run = |arguments: &[&str]| {
         let output = trainer(arguments, directory.path());
@@ -30,7 +30,7 @@ fn a_policy_against_itself_and_against_one_that_cannot_hop() {
     assert!(table.contains("They do not differ at any of them."), "{table}");
     assert_eq!(table.matches("equally fast").count(), 8, "{table}");
 
-    // The angle is always 0.25 rad, which no leg stands on.
+    // The angle is always 0.25 rad, at which the leg falls.
     std::fs::write(
         directory.path().join("lame.json"),
         r#"{"hidden_activation": "relu", "output": "clip(output_scale*tanh(z), low, high)",
@@ -55,7 +55,7 @@ fn a_policy_against_itself_and_against_one_that_cannot_hop() {
 }
 
 #[test]
-fn what_cannot_be_compared_is_named_with_status_2() {
+fn input_errors_name_the_cause_with_status_2() {
     let directory = tempfile::tempdir().unwrap();
     std::fs::write(directory.path().join("not.bin"), "0123456789012345678901").unwrap();
     for (arguments, said) in [

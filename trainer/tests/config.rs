@@ -1,4 +1,4 @@
-//! Configurations: printed, read again, and refused.
+//! Printing, reading and checking configurations.
 
 use clap::ValueEnum;
 use trainer::config::{Config, ReadError};
@@ -9,7 +9,7 @@ fn presets() -> impl Iterator<Item = Config> {
 }
 
 #[test]
-fn what_is_printed_is_read_back_and_every_key_has_a_comment() {
+fn a_printed_configuration_reads_back_and_has_a_comment_at_every_key() {
     for config in presets() {
         config.check().unwrap();
         let text = config.to_commented_toml();
@@ -28,7 +28,7 @@ fn what_is_printed_is_read_back_and_every_key_has_a_comment() {
 }
 
 #[test]
-fn a_figure_is_refused_with_its_key_value_and_limit() {
+fn refuses_a_parameter_with_its_key_value_and_limit() {
     let robust = Preset::Robust.config();
     for (setting, said) in [
         ("learning.batch=33", "learning.batch is 33, but must be 32 or 64"),
@@ -81,7 +81,7 @@ fn a_figure_is_refused_with_its_key_value_and_limit() {
 }
 
 #[test]
-fn a_figure_is_set_by_its_key() {
+fn sets_a_parameter_by_its_key() {
     let robust = Preset::Robust.config();
     let changed = robust.with("learning.batch=32").unwrap();
     assert_eq!(changed.learning.batch, 32);
@@ -104,7 +104,7 @@ fn a_figure_is_set_by_its_key() {
 }
 
 #[test]
-fn a_file_is_refused_by_name_and_line() {
+fn refuses_a_file_with_its_name_and_line() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("c.toml");
     let good = Preset::WaterToAir.config().to_commented_toml();

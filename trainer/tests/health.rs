@@ -1,4 +1,4 @@
-//! A training that goes wrong is noticed, said, and ends with status 1.
+//! Divergence and collapse of a training are detected and end it with status 1.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -12,7 +12,7 @@ fn train(line: &str, folder: &Path) -> Output {
         .unwrap()
 }
 
-/// Status 1 with a word of it; a whole log, no policy and no checkpoint.
+/// Expects status 1 with these messages, a complete log, no policy and no checkpoint.
 fn ends_with(line: &str, said: &[&str]) {
     let folder = tempfile::tempdir().unwrap();
     let output = train(line, folder.path());
@@ -28,10 +28,10 @@ fn ends_with(line: &str, said: &[&str]) {
     assert!(log.ends_with('\n'), "{log}");
 }
 
-/// With learning rates at the top of their range alone, the units of the networks
-/// die before any figure overflows, which is a collapse; so the inputs are large too.
+/// With only the learning rates at the top of their range, the networks' units die before any
+/// value overflows, which is a collapse. So the inputs are large, too.
 #[test]
-fn divergence_is_noticed() {
+fn detects_divergence() {
     ends_with(
         "--preset air --steps 3000 --seed 1 --set learning.actor_learning_rate=1 \
          --set learning.critic_learning_rate=1 \
@@ -45,15 +45,15 @@ fn divergence_is_noticed() {
 }
 
 #[test]
-fn a_collapse_is_noticed() {
-    // The paper's agent in water, with the one of seeds 0 to 9 that learns nothing.
+fn detects_a_collapse() {
+    // The paper's agent in water, with the only seed of 0 to 9 that learns nothing.
     let line = "--preset water --seed 0";
     ends_with(line, &["collapsed by step 2001", "500 of the latest 500 episodes were over at"]);
-    // An actor whose angle has gone to its end.
+    // An actor whose touchdown angle saturates.
     let line = "--preset robust --steps 12000 --seed 1 --set learning.actor_learning_rate=1 \
                 --set selection.evaluations=0 --set learning.random_steps=100";
     ends_with(line, &["training collapsed by step ", "take another seed"]);
-    // It goes on when asked to.
+    // With the option the training continues.
     let folder = tempfile::tempdir().unwrap();
     let output = train("--preset water --seed 0 --episodes 1100 --allow-collapse", folder.path());
     assert!(output.status.success());

@@ -1,4 +1,4 @@
-//! `trainer plot` as a user sees it.
+//! The command `trainer plot`, from the user's side.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -17,7 +17,7 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).unwrap()
 }
 
-/// A log in the columns of a training, of so many episodes.
+/// Returns a log of `episodes` episodes in the columns of a training.
 fn log(episodes: u32, reward: f64) -> String {
     let mut log = "episode,stage,total_steps,density_ratio,reward,steps,q0\n".to_owned();
     for n in 1..=episodes {
@@ -27,14 +27,14 @@ fn log(episodes: u32, reward: f64) -> String {
 }
 
 #[test]
-fn runs_by_file_policy_folder_and_pattern() {
+fn draws_runs_given_by_file_policy_folder_and_pattern() {
     let directory = tempfile::tempdir().unwrap();
     let path = |name: &str| directory.path().join(name);
     for seed in ["study/seeds/0001", "study/seeds/0002"] {
         std::fs::create_dir_all(path(seed)).unwrap();
         std::fs::write(path(seed).join("p.csv"), log(300, 2.0)).unwrap();
     }
-    // Not every CSV is a log.
+    // A CSV file that is no log must be ignored.
     std::fs::write(path("study/summary.csv"), "seed,survive30\n1,0.99\n").unwrap();
     for (name, reward) in [("air-1", 1.0), ("air-2", 3.0), ("air-3", 4.0), ("one", 0.5)] {
         std::fs::write(path(&format!("{name}.csv")), log(400, reward)).unwrap();
@@ -58,7 +58,7 @@ fn runs_by_file_policy_folder_and_pattern() {
 }
 
 #[test]
-fn what_cannot_be_drawn_is_named_with_status_2() {
+fn input_errors_name_the_cause_with_status_2() {
     let directory = tempfile::tempdir().unwrap();
     let write = |name: &str, content: &str| {
         std::fs::write(directory.path().join(name), content).unwrap();
@@ -74,7 +74,7 @@ fn what_cannot_be_drawn_is_named_with_status_2() {
         ("none.csv", "none.csv: No such file"),
         ("table.csv", "table.csv, line 1: no column stage"),
         ("good.csv bad.csv", "bad.csv, line 4, column reward: 'NaN', expected a finite number"),
-        ("alone.bin", "alone.bin: its log, alone.csv, is not there"),
+        ("alone.bin", "alone.bin: its log alone.csv does not exist"),
         ("empty", "empty: no log of a training in this folder"),
         ("x=none-*.csv", "none-*.csv: no file matches this pattern"),
         ("=good.csv", "'=good.csv': expected LABEL=RUN"),

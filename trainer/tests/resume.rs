@@ -1,4 +1,4 @@
-//! A training that is killed goes on from its checkpoint and ends as one that was not.
+//! A training that is killed and resumed ends like one that was never interrupted.
 
 use std::fs;
 use std::os::unix::fs::MetadataExt;
@@ -6,11 +6,11 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// Gains, so that they need not be searched for.
+/// Fixed gains, so that no search is needed.
 const GAINS: &str =
     "gains=[{density_ratio=0.0,kp=0.0,ki=0.05,kd=0.0,feed_forward=1.0,limit_m_s=10.0}]";
 
-/// Through both stages.
+/// A short transfer through both stages.
 const TRANSFER: &[&str] = &[
     "--preset",
     "water-to-air",
@@ -22,7 +22,7 @@ const TRANSFER: &[&str] = &[
     "1",
 ];
 
-/// With a selection, an averaged actor and random steps.
+/// A short training with a selection, an averaged actor and random steps.
 const ROBUST: &[&str] = &[
     "--preset",
     "robust",
@@ -62,18 +62,18 @@ fn names(folder: &Path) -> Vec<String> {
     names
 }
 
-/// When to kill.
+/// The moment at which a test kills a training.
 #[derive(Clone, Copy, Debug)]
 enum Moment {
-    /// Once so many checkpoints have been seen to come in place.
+    /// After this number of checkpoints.
     Checkpoints(usize),
-    /// While a checkpoint is being written, after so many others.
+    /// While a checkpoint is being written, after this number of others.
     Writing(usize),
-    /// After a time, whatever it does.
+    /// After a time.
     After(Duration),
 }
 
-/// Waits for a moment and kills with SIGKILL; false when the child ended before.
+/// Waits for a moment and sends SIGKILL; returns false when the child ended before.
 fn kill_at(child: &mut Child, folder: &Path, moment: Moment) -> bool {
     let began = Instant::now();
     let inode = || fs::metadata(folder.join("p.bin.checkpoint")).map_or(0, |m| m.ino());
@@ -94,7 +94,7 @@ fn kill_at(child: &mut Child, folder: &Path, moment: Moment) -> bool {
         };
         if is_now {
             child.kill().unwrap();
-            // It may have ended by itself just before.
+            // The child may have ended just before.
             return child.wait().unwrap().code().is_none();
         }
     }
@@ -136,22 +136,22 @@ fn survives_being_killed(arguments: &[&str]) {
         let read = |folder: &Path| fs::read(folder.join(name)).unwrap();
         assert!(read(path) == read(whole.path()), "{name} differs after {killed} kills");
     }
-    // A kill in the instant in which the policy gets its name may leave a hidden file.
+    // A kill during the rename of the policy may leave a hidden file.
     let left: Vec<_> = names(path).into_iter().filter(|n| !n.starts_with('.')).collect();
     assert_eq!(left, ["p.bin", "p.csv"]);
 }
 
 #[test]
-fn a_transfer_that_is_killed_ends_with_the_same_policy_and_log() {
+fn a_killed_transfer_ends_with_the_same_policy_and_log() {
     survives_being_killed(TRANSFER);
 }
 
 #[test]
-fn a_robust_training_that_is_killed_ends_with_the_same_policy_and_log() {
+fn a_killed_robust_training_ends_with_the_same_policy_and_log() {
     survives_being_killed(ROBUST);
 }
 
-/// Killed between the policy's name and the end, in every order of what was left to do.
+/// Covers a kill between writing the policy and removing the checkpoint, in every order.
 #[test]
 fn what_was_left_to_do_at_the_end_is_done() {
     let folder = tempfile::tempdir().unwrap();
@@ -165,11 +165,11 @@ fn what_was_left_to_do_at_the_end_is_done() {
     assert!(output(&resumed, path).status.success());
     let files = || ["p.bin", "p.csv"].map(|name| fs::read(at(name)).unwrap());
     let whole = files();
-    // The log had its name, but the checkpoint was still there.
+    // The log was renamed, but the checkpoint was not removed.
     fs::write(at("p.bin.checkpoint"), &checkpoint).unwrap();
     assert!(output(&["--resume"], path).status.success());
     assert!(files() == whole);
-    // Only the policy had its name.
+    // Only the policy was written.
     fs::write(at("p.bin.checkpoint"), &checkpoint).unwrap();
     fs::rename(at("p.csv"), at("p.csv.part")).unwrap();
     assert!(output(&["--resume"], path).status.success());
@@ -178,7 +178,7 @@ fn what_was_left_to_do_at_the_end_is_done() {
 }
 
 #[test]
-fn a_checkpoint_that_cannot_be_used_is_refused() {
+fn refuses_a_checkpoint_that_cannot_be_used() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
     let arguments = ["--preset", "water", "--episodes", "100000", "--seed", "1"];
@@ -190,7 +190,7 @@ fn a_checkpoint_that_cannot_be_used_is_refused() {
         assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", error(&output));
         assert!(error(&output).contains(said), "{arguments:?}: {}", error(&output));
     };
-    refused(&arguments, "p.bin.checkpoint: a training with this --out is not over");
+    refused(&arguments, "p.bin.checkpoint: a training with this --out is not complete");
     refused(&["--resume", "--seed", "2"], "--seed 2: the checkpoint's is 1");
     refused(&["--resume", "--set", "learning.batch=64"], "learning.batch is 32 in one and 64");
     refused(&["--resume", "--preset", "air"], "the checkpoint is of another configuration");
@@ -203,7 +203,7 @@ fn a_checkpoint_that_cannot_be_used_is_refused() {
     for (bytes, said) in [
         (&flipped[..], "p.bin.checkpoint: a corrupt checkpoint: its checksum is"),
         (&good[..good.len() - 1], "not a whole checkpoint"),
-        (&good[..5], "not a whole checkpoint: only 5 bytes"),
+        (&good[..5], "not a complete checkpoint: it has 5 bytes"),
         (&newer, "a checkpoint of version 9; this trainer reads 1"),
         (b"episode,stage,total_steps", "not the checkpoint of a training"),
     ] {
@@ -220,7 +220,7 @@ fn a_checkpoint_that_cannot_be_used_is_refused() {
     refused(&["--resume"], "p.csv.part: this is another log: its checksum is");
     fs::remove_file(&log).unwrap();
     refused(&["--resume"], "p.csv.part: the log cannot be opened");
-    // ImportOptions up, it begins anew.
+    // With --restart it begins anew.
     let anew = ["--preset", "water", "--episodes", "3", "--restart"];
     assert!(output(&anew, path).status.success());
     assert_eq!(names(path), ["p.bin", "p.csv"]);
@@ -228,7 +228,7 @@ fn a_checkpoint_that_cannot_be_used_is_refused() {
 }
 
 #[test]
-fn a_hang_up_that_is_ignored_stays_ignored() {
+fn sighup_stays_ignored_where_the_parent_ignores_it() {
     let folder = tempfile::tempdir().unwrap();
     let line = format!(
         "trap '' HUP; exec {} train --preset air --steps 1000000000 --out p.bin",
@@ -252,7 +252,8 @@ fn a_hang_up_that_is_ignored_stays_ignored() {
     let before = names(folder.path());
     assert_eq!(before, ["p.bin.checkpoint", "p.csv.part"]);
     kill("-TERM");
-    // Had the first signal counted, the second would have ended it without a checkpoint.
+    // If the first signal had counted, the second would have ended the process without a
+    // checkpoint.
     assert_eq!(child.wait().unwrap().code(), Some(1));
     let resumed = trainer(&["--resume", "--steps", "1"], folder.path()).output().unwrap();
     assert!(error(&resumed).contains("stages.0.length.steps is 1000000000 in one and 1"));

@@ -1,4 +1,4 @@
-//! The shipped policy hops and stops at every density.
+//! The shipped policy survives and stops at every density ratio.
 
 use leg_control::actor::Observation;
 use leg_control::policy::{Policy, SHIPPED};
@@ -10,7 +10,7 @@ use trainer::evaluate::tracking::{Tracking, highest_speed, tracking_table};
 use trainer::evaluate::{DENSITIES, hopper};
 
 #[test]
-fn the_shipped_policy_is_fit_to_fly() {
+fn the_shipped_policy_reaches_the_goals() {
     let policy = Policy::parse(SHIPPED).unwrap();
     let starts = draw_starts(1000, &mut Pcg64::seed_from_u64(99));
     for rho in DENSITIES {
@@ -25,7 +25,8 @@ fn the_shipped_policy_is_fit_to_fly() {
     assert!(highest_speed(policy.actor(), &policy.manifest().gains, 0.0) >= 15.0);
 }
 
-/// To stop dead is to stand upright exactly where there is no velocity, and to turn
+/// A symmetric actor stops upright at exactly zero velocity, and turns the leg as far forwards
+/// as backwards for mirrored velocities.
 /// the leg forwards as far as backwards for the velocities of a mirror image.
 #[test]
 fn the_shipped_policy_does_not_know_forwards_from_backwards() {

@@ -1,4 +1,5 @@
-//! Studies as a user runs them: interrupted, split, joined, the same to the last bit.
+//! Studies from the user's side: interrupted, sharded and merged, with the same result to the
+//! last bit.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -33,7 +34,7 @@ fn refused(output: &Output) -> String {
     error
 }
 
-/// Every file below a folder, by its path from there.
+/// Reads every file below a folder, by its path from there.
 fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     fn gather(root: &Path, folder: &Path, all: &mut BTreeMap<String, Vec<u8>>) {
         for entry in fs::read_dir(folder).unwrap() {
@@ -60,7 +61,7 @@ fn assert_same(a: &Path, b: &Path) {
 }
 
 #[test]
-fn a_study_is_the_same_in_one_piece_killed_or_in_shards() {
+fn a_study_has_the_same_files_whole_killed_or_sharded() {
     let directory = tempfile::tempdir().unwrap();
     let at = directory.path();
     let table = run(&format!("{SHORT} --out whole --jobs 2"), at);
@@ -69,12 +70,12 @@ fn a_study_is_the_same_in_one_piece_killed_or_in_shards() {
     }
     let whole = files(&at.join("whole"));
     assert_eq!(whole.len(), 4 + 4 * 3, "{:?}", whole.keys());
-    // A seed's policy is what `train` makes of it.
+    // A seed's policy is the same as that of `trainer train`.
     run("train --preset air --steps 900 --seed 3 --out p.bin --log l.csv --eval-starts 0", at);
     assert!(whole["seeds/0003/policy.bin"] == fs::read(at.join("p.bin")).unwrap());
     assert!(whole["seeds/0003/learning.csv"] == fs::read(at.join("l.csv")).unwrap());
 
-    // Done already: nothing is trained again.
+    // Nothing is trained again.
     let modified = || fs::metadata(at.join("whole/seeds/0000/report.json")).unwrap().modified();
     let before = modified().unwrap();
     assert_eq!(run(&format!("{SHORT} --out whole"), at), table);
@@ -85,7 +86,7 @@ fn a_study_is_the_same_in_one_piece_killed_or_in_shards() {
     shards(at, &table);
 }
 
-/// Kills a study after its first seed, and goes on with it.
+/// Kills a study after its first seed, and continues it.
 fn killed(at: &Path) {
     let line = format!("{SHORT} --out killed");
     let mut child = command(&line, at).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
@@ -98,12 +99,12 @@ fn killed(at: &Path) {
     child.kill().unwrap();
     child.wait().unwrap();
     assert!(!at.join("killed/summary.csv").exists(), "it was done before it was killed");
-    // As if the kill had come in the middle of a write.
+    // Simulates a kill during a write.
     fs::create_dir_all(at.join("killed/seeds/0003")).unwrap();
     fs::write(at.join("killed/seeds/0003/.tmpAbCdEf"), "half").unwrap();
     let output = command(&line, at).output().unwrap();
     assert!(output.status.success());
-    assert!(text(&output.stderr).contains(" of 4 seeds are done already"));
+    assert!(text(&output.stderr).contains(" of 4 seeds are already complete"));
 }
 
 fn shards(at: &Path, table: &str) {
@@ -120,23 +121,27 @@ fn shards(at: &Path, table: &str) {
     assert!(said.contains("Shard 1/2 is done: 2 seeds") && said.contains("(1, 3)"), "{said}");
     let merge = |line: &str| command(line, at).output().unwrap();
     let error = refused(&merge("study merge part0 --out joined"));
-    assert!(error.contains("missing of the study's 4 seeds: 1, 3;"), "{error}");
+    assert!(error.contains("of the study's 4 seeds these are missing: 1, 3;"), "{error}");
     assert!(!at.join("joined").exists());
     assert!(slurm("1").status.success());
     let joined = run("study merge part0 part1 --out joined", at);
     assert_eq!(joined.replace("joined: ", "whole: "), table);
     assert_same(&at.join("whole"), &at.join("joined"));
 
-    // A seed in two folders is named, and must be the same.
+    // A seed in two folders is reported, and must have the same files.
     let twice = merge("study merge part0 part1 joined --out joined");
-    assert!(text(&twice.stderr).contains("counted once: 0, 1, 2, 3."), "{}", text(&twice.stderr));
+    assert!(
+        text(&twice.stderr).contains("with the same results: 0, 1, 2, 3."),
+        "{}",
+        text(&twice.stderr)
+    );
     assert_same(&at.join("whole"), &at.join("joined"));
     fs::write(at.join("part1/seeds/0001/policy.bin"), "other").unwrap();
     let error = refused(&merge("study merge joined part1 --out again"));
     assert!(error.contains("seed 1 is in joined and in part1"), "{error}");
     assert!(!at.join("again").exists());
 
-    // Kubernetes, all pods in one folder: the last one finds all seeds there.
+    // Kubernetes, with all pods in one folder: the last pod finds all seeds.
     for pod in ["1", "0"] {
         let line = format!("{SHORT} --out shared --shard auto/2");
         let output = command(&line, at).env("JOB_COMPLETION_INDEX", pod).output().unwrap();
@@ -146,7 +151,7 @@ fn shards(at: &Path, table: &str) {
 }
 
 #[test]
-fn what_cannot_be_studied_is_named_with_status_2() {
+fn input_errors_name_the_cause_with_status_2() {
     let directory = tempfile::tempdir().unwrap();
     let at = directory.path();
     let short = "study --preset air --steps 50 --eval-starts 1";
@@ -175,7 +180,7 @@ fn what_cannot_be_studied_is_named_with_status_2() {
         assert!(error.contains(said), "{line}: {error}");
     }
     assert!(!at.join("n").exists());
-    // Another study, or a seed of another one, is not joined.
+    // A merge refuses another study, and a seed of another study.
     run(&format!("{short} --seeds 0..2 --out t"), at);
     let error = refused(&command("study merge s t --out n", at).output().unwrap());
     assert!(error.contains("t: holds another study: seeds is"), "{error}");
@@ -185,7 +190,7 @@ fn what_cannot_be_studied_is_named_with_status_2() {
 }
 
 #[test]
-fn a_signal_stops_a_study_in_good_order() {
+fn a_signal_stops_a_study_between_files() {
     let directory = tempfile::tempdir().unwrap();
     let at = directory.path();
     let line = "study --preset air --steps 1000000000 --seeds 0..2 --out s";
@@ -194,13 +199,13 @@ fn a_signal_stops_a_study_in_good_order() {
     while !at.join("s/study.toml").exists() && began.elapsed() < Duration::from_mins(1) {
         std::thread::sleep(Duration::from_millis(5));
     }
-    // The signals are seen to right after the folder is begun.
+    // The signal handlers are installed right after the folder is created.
     std::thread::sleep(Duration::from_millis(300));
     let kill = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
     assert!(kill.success());
     let output = child.wait_with_output().unwrap();
     let error = text(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{error}");
-    assert!(error.contains("stopped by a signal with 0 of 2 seeds done"), "{error}");
+    assert!(error.contains("stopped by a signal after 0 of 2 seeds"), "{error}");
     assert_eq!(files(&at.join("s")).keys().collect::<Vec<_>>(), ["study.toml"]);
 }

@@ -1,6 +1,6 @@
-//! The event files, taken apart again. (That the real TensorBoard reads them was
-//! checked with its `EventAccumulator` and over its HTTP interface:
-//! `pip install tensorboard`, `tensorboard --logdir DIR`.)
+//! Parses the event files again. That TensorBoard reads them was checked with its
+//! `EventAccumulator` and its HTTP interface (`pip install tensorboard`, `tensorboard --logdir
+//! DIR`).
 
 use prost::Message;
 use std::collections::BTreeMap;
@@ -8,7 +8,7 @@ use std::path::Path;
 use std::process::Command;
 use trainer::run::tensorboard::{Event, masked};
 
-/// The events of a file, each of whose frames must be whole.
+/// Returns the events of a file; every frame must be complete.
 fn events(path: &Path) -> Vec<Event> {
     let bytes = std::fs::read(path).unwrap();
     let mut rest = &bytes[..];
@@ -29,8 +29,8 @@ fn events(path: &Path) -> Vec<Event> {
 }
 
 #[test]
-fn the_event_file_has_every_episode_and_evaluation() {
-    // CRC-32C of "123456789" is 0xe3069283 (RFC 3720), masked as TFRecord does.
+fn an_event_file_has_every_episode_and_evaluation() {
+    // The CRC-32C of "123456789" is 0xe3069283 (RFC 3720), masked as TFRecord does.
     assert_eq!(masked(b"123456789"), 0x2507_c60d_u32.wrapping_add(0xa282_ead8));
     let folder = tempfile::tempdir().unwrap();
     let line = "train --preset robust --steps 3000 --out p.bin --eval-starts 0 --quiet \

@@ -1,4 +1,4 @@
-//! A training gives the same policy, bit for bit, whatever computes it.
+//! A training gives the same policy, bit for bit, on any CPU and number of threads.
 
 use trainer::config::{Config, Length};
 use trainer::policy::{PolicyInfo, blob};
@@ -25,11 +25,11 @@ fn train(config: &Config, seed: u64, isa: Isa) -> (Vec<EpisodeRecord>, Vec<u8>) 
     while let Some(record) = training.episode().unwrap() {
         log.push(record);
     }
-    let (packed, standing) = training.best_actor();
-    assert_eq!(standing.is_some(), config.selection.evaluations > 0);
+    let (actor, score) = training.best_actor();
+    assert_eq!(score.is_some(), config.selection.evaluations > 0);
     let gains = &Preset::Air.config().gains;
     let bytes = blob(
-        &packed,
+        &actor,
         &PolicyInfo {
             name: "test",
             preset: &config.preset,
@@ -58,7 +58,7 @@ fn the_same_seed_gives_the_same_policy_on_any_cpu_and_number_of_threads() {
 }
 
 #[test]
-fn a_transfer_goes_through_both_stages() {
+fn a_transfer_trains_both_stages() {
     let config = short(Preset::WaterToAir, 400);
     let (log, _) = train(&config, 1, Isa::best());
     let mean = |stage: usize| {

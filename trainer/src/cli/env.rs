@@ -38,7 +38,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut rng = Pcg64::seed_from_u64(arguments.seed);
     let mut output = std::io::stdout().lock();
     let mut episode = 0;
-    let mut underway: Option<(Environment<'_>, u32)> = None;
+    let mut running: Option<(Environment<'_>, u32)> = None;
     for (number, line) in (1..).zip(std::io::stdin().lock().lines()) {
         let line = line.map_err(failed)?;
         let wrong = |what: &str| input(anyhow!("standard input, line {number}: {what}"));
@@ -49,7 +49,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
                 let environment = Environment::new(&config, start);
                 episode += 1;
                 let answer = apex(&environment);
-                underway = Some((environment, 0));
+                running = Some((environment, 0));
                 answer
             }
             ["step", alpha, rs] => {
@@ -59,7 +59,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
                 };
                 let action = [number(alpha)?, number(rs)?];
                 let (environment, steps) =
-                    underway.as_mut().ok_or_else(|| wrong("no episode has begun; reset first"))?;
+                    running.as_mut().ok_or_else(|| wrong("no episode has begun; reset first"))?;
                 let outcome = environment.act(action);
                 *steps += 1;
                 let ended = match outcome.ended {
@@ -69,7 +69,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
                 };
                 let answer = format!("{} {} {ended}", apex(environment), outcome.reward);
                 if ended != "no" {
-                    underway = None;
+                    running = None;
                 }
                 answer
             }

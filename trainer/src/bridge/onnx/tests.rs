@@ -79,8 +79,8 @@ fn read(nodes: &[&str]) -> Result<ImportedActor, String> {
     import(&model(nodes, constants()), None).map_err(|e| e.to_string())
 }
 
-fn act(draft: ImportedActor, [vx, y, rho]: [f32; 3]) -> [f32; 2] {
-    let packed = draft.complete(&ImportOptions::default()).unwrap().actor;
+fn act(imported: ImportedActor, [vx, y, rho]: [f32; 3]) -> [f32; 2] {
+    let packed = imported.complete(&ImportOptions::default()).unwrap().actor;
     let observation = Observation { apex_vx_m_s: vx, apex_y_m: y, density_ratio: rho };
     let Action { touchdown_angle_rad, elongation_speed_m_s } = packed.actor().act(observation);
     [touchdown_angle_rad, elongation_speed_m_s]
@@ -127,9 +127,9 @@ fn reads_the_same_network_in_all_its_spellings() {
     for nodes in spellings {
         let mut constants = constants();
         constants.push(tensor("b2c", &[2], &[0.0625, -0.5]));
-        let draft = import(&model(nodes, constants), None).unwrap();
-        assert_eq!((draft.observation, draft.action, draft.bounds), (None, None, None));
-        let found = act(draft, X);
+        let imported = import(&model(nodes, constants), None).unwrap();
+        assert_eq!((imported.observation, imported.action, imported.bounds), (None, None, None));
+        let found = act(imported, X);
         assert!((0..2).all(|i| (found[i] - expected[i]).abs() < 1e-6), "{found:?} {expected:?}");
     }
 }
@@ -148,26 +148,26 @@ fn takes_scalings_and_clips_from_the_graph() {
     let before = ["Sub obs mean > s", "Div s deviation > x"];
     // A Box action is unscaled by low + (high - low) (tanh + 1) / 2.
     let after = ["Add t one > u", "Mul u half > v", "Mul range v > w", "Add w low > act"];
-    let draft = read(&with_network(&before, &after)).unwrap();
-    assert_eq!(draft.bounds, None);
-    let found = act(draft, X);
+    let imported = read(&with_network(&before, &after)).unwrap();
+    assert_eq!(imported.bounds, None);
+    let found = act(imported, X);
     for i in 0..2 {
         let expected = [0.5, 0.0][i] + (tanh[i] + 1.0);
         assert!((found[i] - expected).abs() < 1e-6, "{found:?}");
     }
     // A clip before the scaling, and one after it.
     let clipped = ["Clip t minus one > u", "Mul u range > v", "Max low v > w", "Min w high > act"];
-    let draft = read(&with_network(&before, &clipped)).unwrap();
-    assert_eq!(draft.action, Some([[2.0; 2], [0.0; 2]]));
-    assert_eq!(draft.bounds, Some([[0.5, 0.0], [2.0, 2.0]]));
+    let imported = read(&with_network(&before, &clipped)).unwrap();
+    assert_eq!(imported.action, Some([[2.0; 2], [0.0; 2]]));
+    assert_eq!(imported.bounds, Some([[0.5, 0.0], [2.0, 2.0]]));
     // A clip without effect states no bounds.
-    let draft = read(&with_network(&before, &["Clip t minus one > act"])).unwrap();
-    assert_eq!((draft.action, draft.bounds), (None, None));
+    let imported = read(&with_network(&before, &["Clip t minus one > act"])).unwrap();
+    assert_eq!((imported.action, imported.bounds), (None, None));
     // A constant minus the observation.
-    let draft = read(&with_network(&["Sub mean obs > x"], &["Sub high t > act"])).unwrap();
-    let scaling = draft.observation.unwrap();
+    let imported = read(&with_network(&["Sub mean obs > x"], &["Sub high t > act"])).unwrap();
+    let scaling = imported.observation.unwrap();
     assert_eq!((scaling.offset, scaling.scale), ([0.5, 2.0, 0.0], [-1.0; 3]));
-    assert_eq!(draft.action, Some([[-1.0; 2], [2.5, 2.0]]));
+    assert_eq!(imported.action, Some([[-1.0; 2], [2.5, 2.0]]));
 }
 
 #[test]
@@ -247,8 +247,8 @@ fn reads_external_weights_only_below_the_files_folder() {
         };
         of_weights(weights, Some(&folder))
     };
-    let draft = of(&[("location", "w.data"), ("offset", "4"), ("length", "24")]).unwrap();
-    assert_eq!(draft.layers[0].weights, numbers[1..]);
+    let imported = of(&[("location", "w.data"), ("offset", "4"), ("length", "24")]).unwrap();
+    assert_eq!(imported.layers[0].weights, numbers[1..]);
     for (entries, said) in [
         (&[("location", "w.data"), ("offset", "8")][..], "it ends after 20 of 24 bytes"),
         (&[("location", "w.data"), ("offset", "18446744073709551615")], "external data in"),
