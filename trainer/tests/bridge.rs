@@ -96,7 +96,7 @@ fn imports_the_state_dict_of_another_program() {
     let own = PackedActor::from(&shipped());
     for (prefix, dtype) in [("", Dtype::F32), ("actor.mu.", Dtype::F64), ("pi.", Dtype::F32)] {
         let imported = st::import(&foreign(prefix, dtype, |_, _| ()), None).unwrap();
-        let imported = read.complete(&ImportOptions::default()).unwrap();
+        let imported = imported.complete(&ImportOptions::default()).unwrap();
         assert_eq!(imported.actor.weights, own.weights);
         // By default tanh is spread over the leg's range of actions.
         let action = imported.actor.action;
