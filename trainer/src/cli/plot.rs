@@ -63,8 +63,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
              give a smaller --window, or longer runs"
         )));
     }
-    let svg = draw(&curves, &how, x_range)
-        .map_err(|e| failed(anyhow!("cannot draw the curves: {e}")))?;
+    let svg =
+        draw(&curves, &how, x_range).map_err(|e| failed(anyhow!("cannot draw the curves: {e}")))?;
     Target { path: &arguments.out, option: "--out" }.write(svg.as_bytes())?;
     print(&summary(&curves, &how, &arguments.out))
 }
