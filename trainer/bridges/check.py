@@ -1,13 +1,13 @@
-"""Are the exported actors the same in ONNX Runtime, numpy and PyTorch?
+"""Checks that ONNX Runtime, numpy and PyTorch compute the actions of the exported actor.
 
     python check.py --trainer target/release/trainer [--policy policy.bin]
 
-Exports the policy (by default the shipped one), runs it on 10,000 observations in each
-library, and compares with `trainer infer`. Ends with status 1 unless of the actions for
-what a leg can meet 99.9 % are within 1e-6 of their range and all within 3e-6, and for
-observations up to a million times that all within 1e-4: each library sums in an order of
-its own, in f32, and where sums are large and cancel that shows, above all far out. torch
-is checked where it is installed.
+Exports the policy (by default the shipped one), evaluates it on 10,000 observations in each
+library, and compares the actions with `trainer infer`. The exit status is 1 unless 99.9 % of
+the actions for observations within a leg's range are within 1e-6 of the actions' range, all
+of them within 3e-6, and all for observations up to a million times larger within 1e-4. Each
+library sums in its own order in f32, which shows where large sums cancel. torch is checked
+where it is installed.
 """
 
 import argparse
@@ -23,17 +23,17 @@ import onnx
 import onnxruntime
 from safetensors import safe_open
 
-# Shares of the actions' ranges.
+# Tolerances, as shares of the actions' ranges.
 USUAL = 1e-6
 WORST = 3e-6
 SHARE_WITHIN_USUAL = 0.999
 WORST_FAR_OUT = 1e-4
-# Observations that no leg meets.
+# Number of observations outside a leg's range.
 FAR_OUT = 96
 
 
 def observations(count=10_000):
-    """vx within 11 m/s, y from 1 to 12.5 m, rho from 0 to 1; their corners; and far out."""
+    """Returns vx within 11 m/s, y from 1 to 12.5 m, rho from 0 to 1; their corners; and far out."""
     rng = np.random.default_rng(7)
     inner = rng.uniform([-11, 1, 0], [11, 12.5, 1], (count - FAR_OUT - 12, 3))
     corners = np.array([[vx, y, rho] for vx in (-11, 0, 11) for y in (1, 12.5) for rho in (0, 1)])
@@ -45,7 +45,7 @@ def in_numpy(path, x):
     with safe_open(path, "np") as file:
         card = json.loads(file.metadata()["leg_actor"])
         tensors = {name: file.get_tensor(name) for name in file.keys()}
-    f32 = lambda figures: np.array(figures, np.float32)
+    f32 = lambda numbers: np.array(numbers, np.float32)
     x = (x - f32(card["observation"]["offset"])) * f32(card["observation"]["scale"])
     indices = sorted({int(name.split(".")[0]) for name in tensors})
     for i in indices:
@@ -84,7 +84,7 @@ def in_onnxruntime(path, x):
     session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
     whole = session.run(["action"], {"observation": x})[0]
     one = session.run(["action"], {"observation": x[:1]})[0]
-    assert one.shape == (1, 2), "the batch is not free"
+    assert one.shape == (1, 2), "the batch size is fixed"
     return whole
 
 
@@ -100,7 +100,7 @@ def main():
         of = ["--policy", arguments.policy] if arguments.policy else []
         for name, to in [("a.safetensors", "safetensors"), ("a.onnx", "onnx")]:
             run("export", *of, "--to", to, folder / name)
-        # `infer` wants a file: the policy comes back out of its export.
+        # `infer` reads a policy file, so the export is imported again.
         run("import", "--onnx", folder / "a.onnx", "--out", folder / "a.bin")
         x = observations()
         with open(folder / "o.csv", "w", newline="") as file:
@@ -109,7 +109,7 @@ def main():
             writer.writerows([[repr(float(v)) for v in row] for row in x])
         run("infer", "--policy", folder / "a.bin", "--input", folder / "o.csv", "--output", folder / "a.csv")
         rows = np.loadtxt(folder / "a.csv", delimiter=",", skiprows=1, dtype=np.float64)
-        assert np.array_equal(rows[:, :3].astype(np.float32), x), "observations read otherwise"
+        assert np.array_equal(rows[:, :3].astype(np.float32), x), "the observations changed in the CSV files"
         with safe_open(folder / "a.safetensors", "np") as file:
             action = json.loads(file.metadata()["leg_actor"])["action"]
         span = np.array(action["high"]) - np.array(action["low"])
@@ -135,7 +135,7 @@ def main():
             )
             failed |= off.max() > WORST or usual < SHARE_WITHIN_USUAL or far > WORST_FAR_OUT
     if failed:
-        sys.exit("too far off")
+        sys.exit("the actions differ too much")
 
 
 if __name__ == "__main__":

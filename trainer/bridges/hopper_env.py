@@ -1,7 +1,7 @@
-"""The hopper as a Gymnasium environment: the trainer's own plant, starts and rewards.
+"""The hopper as a Gymnasium environment, with the trainer's plant, starts and rewards.
 
-One step is one hop, from apex to apex. Needs the `trainer` program, which plays the
-plant (`trainer env --help` says how it is spoken to).
+One step is one hop, from apex to apex. The program `trainer` computes the plant;
+`trainer env --help` documents its protocol.
 """
 
 import subprocess
@@ -9,10 +9,10 @@ import subprocess
 import gymnasium
 import numpy as np
 
-# Touchdown angle, rad, and elongation speed, m/s.
+# Range of the actions: touchdown angle in rad, elongation speed in m/s.
 LOW = np.array([np.pi / 10, 0], np.float32)
 HIGH = np.array([np.pi / 1.2, 2], np.float32)
-# The network sees (observation - OFFSET) * SCALE, as with the preset `robust`.
+# The network's input is (observation - OFFSET) * SCALE, as in the preset `robust`.
 OFFSET = np.array([0, 2.5, 0.5], np.float32)
 SCALE = np.array([1 / 3, 0.4, 2], np.float32)
 
@@ -33,24 +33,24 @@ class HopperEnv(gymnasium.Env):
         pipe = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
         self.plant = subprocess.Popen([*self.command, str(seed)], text=True, bufsize=1, **pipe)
 
-    def ask(self, line):
+    def request(self, line):
         self.plant.stdin.write(line + "\n")
-        answer = self.plant.stdout.readline().split()
-        if not answer:
+        reply = self.plant.stdout.readline().split()
+        if not reply:
             raise RuntimeError(f"the plant ended at '{line}', status {self.plant.wait()}")
-        observation = (np.array(answer[:3], np.float32) - OFFSET) * SCALE
-        return observation, answer[3:]
+        observation = (np.array(reply[:3], np.float32) - OFFSET) * SCALE
+        return observation, reply[3:]
 
     def reset(self, seed=None, options=None):
         super().reset(seed=seed)
         if seed is not None:
             self.begin(seed)
-        observation, _ = self.ask("reset")
+        observation, _ = self.request("reset")
         return observation, {}
 
     def step(self, action):
-        alpha, rs = (float(x) for x in action)
-        observation, (reward, ended) = self.ask(f"step {alpha!r} {rs!r}")
+        touchdown_angle_rad, elongation_speed_m_s = (float(x) for x in action)
+        observation, (reward, ended) = self.request(f"step {touchdown_angle_rad!r} {elongation_speed_m_s!r}")
         return observation, float(reward), ended == "fall", ended == "time", {}
 
     def close(self):

@@ -1,4 +1,4 @@
-"""Trains an actor 3-50-50-2 with Stable-Baselines3 and saves it both ways.
+"""Trains an actor 3-50-50-2 with Stable-Baselines3 and exports it.
 
     python train_sb3.py --trainer target/release/trainer --steps 30000 --out sb3
 
@@ -44,7 +44,7 @@ def main():
     began = time.monotonic()
     model.learn(arguments.steps)
     print(f"{arguments.steps} steps in {time.monotonic() - began:.0f} s")
-    # The actor alone: features (a Flatten), then mu, an nn.Sequential that ends in Tanh.
+    # The actor has features (a Flatten) and mu, an nn.Sequential that ends with Tanh.
     actor = model.policy.actor
     save_file(actor.state_dict(), f"{arguments.out}.safetensors")
     torch.onnx.export(

@@ -269,9 +269,9 @@ impl<'a> Environment<'a> {
     pub fn observation(&self) -> [f32; 3] {
         let network = &self.config.network;
         let offset_m_s = self.bias.map_or(0.0, |bias| bias.offset_m_s);
-        let seen = [self.apex.vx_m_s - offset_m_s, self.apex.y_m, self.start.density_ratio];
-        let seen = seen.map(|x| x as f32);
-        [0, 1, 2].map(|i| (seen[i] - network.observation_offset[i]) * network.observation_scale[i])
+        let shown = [self.apex.vx_m_s - offset_m_s, self.apex.y_m, self.start.density_ratio];
+        let shown = shown.map(|x| x as f32);
+        [0, 1, 2].map(|i| (shown[i] - network.observation_offset[i]) * network.observation_scale[i])
     }
 
     /// Returns the apex that the next step starts from.

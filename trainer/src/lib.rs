@@ -1,4 +1,4 @@
-//! Off-line training of the leg's actor by deep deterministic policy gradient (DDPG).
+#![doc = include_str!("../README.md")]
 // Code that is generic over the instruction set must be inlined into the function that is
 // compiled for it, else it uses the baseline.
 #![allow(clippy::inline_always, reason = "see `simd`")]

@@ -41,12 +41,14 @@ pub struct EpisodeRecord {
 
 /// A training whose numbers are no longer finite.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error("training diverged at step {step}: {seen}; lower the learning rates, or take another seed")]
+#[error(
+    "training diverged at step {step}: {value}; lower the learning rates, or take another seed"
+)]
 pub struct DivergenceError {
     /// Environment step at which it was found, over all stages.
     pub step: u64,
     /// The number that is not finite.
-    pub seen: NotFinite,
+    pub value: NotFinite,
 }
 
 /// The number that is not finite in a training that diverged.
@@ -218,7 +220,7 @@ impl Training {
             && let Some(selector) = &mut self.selector
         {
             let Length::Steps(all) = self.config.stages[self.stage].length else {
-                unreachable!("the check asks for a last stage counted in steps");
+                unreachable!("Config::check requires a last stage counted in steps");
             };
             if selector.is_due(self.steps, all) {
                 let averaged = self.config.learning.actor_averaging > 0.0;
@@ -263,7 +265,7 @@ impl Training {
             steps: 0,
             q0: self.agent.value(start, first),
         };
-        let diverged = |step, seen| Err(DivergenceError { step, seen });
+        let diverged = |step, value| Err(DivergenceError { step, value });
         if !first.iter().all(|u| u.is_finite()) {
             return diverged(self.total_steps, NotFinite::Action(first));
         }
@@ -308,8 +310,8 @@ impl Training {
                 let update = self.agent.update(&self.replay, &rates, &mut self.batch_rng);
                 self.total_updates += 1;
                 self.latest_update = Some(update);
-                if let Some(seen) = update.not_finite() {
-                    return diverged(self.total_steps, seen);
+                if let Some(value) = update.not_finite() {
+                    return diverged(self.total_steps, value);
                 }
             }
             if outcome.ended {

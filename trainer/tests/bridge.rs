@@ -207,8 +207,8 @@ fn the_commands_export_and_import_a_policy() {
     std::fs::write(path("p.bin"), SHIPPED).unwrap();
     for format in ["safetensors", "onnx"] {
         run(&format!("export --policy p.bin --to {format} a.{format}"));
-        let said = run(&format!("import --{format} a.{format} --out back.bin"));
-        assert!(said.contains("gains the policy's own"), "{said}");
+        let message = run(&format!("import --{format} a.{format} --out back.bin"));
+        assert!(message.contains("gains the policy's own"), "{message}");
         assert_eq!(std::fs::read(path("back.bin")).unwrap(), SHIPPED);
         run(&format!("import --{format} a.{format} --out back.bin --ki 0.1 --name other"));
         let bytes = AlignedBytes::from(std::fs::read(path("back.bin")).unwrap().as_slice());
@@ -218,10 +218,10 @@ fn the_commands_export_and_import_a_policy() {
     }
     run("export --to c actor.c");
     std::fs::write(path("f.safetensors"), foreign("mu.", Dtype::F32, |_, _| ())).unwrap();
-    let said = run("import --safetensors f.safetensors --ki 0.05 --out f.bin \
+    let message = run("import --safetensors f.safetensors --ki 0.05 --out f.bin \
                     --observation-offset=-1,0,0 --action-low 0.5,0 --action-high 2,1");
-    assert!(said.contains("Assumed: ReLU between the layers"), "{said}");
-    for (line, said) in [
+    assert!(message.contains("Assumed: ReLU between the layers"), "{message}");
+    for (line, message) in [
         ("import --out p.bin", "--safetensors <FILE>|--onnx <FILE>|--json <FILE>"),
         ("import --onnx a.onnx --json a.json --out p.bin", "cannot be used with"),
         ("import --onnx a.safetensors --out q.bin", "a.safetensors: "),
@@ -253,7 +253,7 @@ fn the_commands_export_and_import_a_policy() {
         let output = trainer(line, directory.path());
         let error = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{line}: {error}");
-        assert!(error.contains(said), "{line}: {error}");
+        assert!(error.contains(message), "{line}: {error}");
     }
     assert!(!path("q.bin").exists() && !path("x.c").exists());
 }
@@ -276,15 +276,15 @@ fn env(input: &str) -> (String, String, Option<i32>) {
 #[test]
 fn the_environment_answers_each_line_with_one_line() {
     let upright = "step 1.57 0\n".repeat(3);
-    let (said, error, status) = env(&format!("reset\n{upright}reset\n"));
+    let (message, error, status) = env(&format!("reset\n{upright}reset\n"));
     assert_eq!((error.as_str(), status), ("", Some(0)));
-    let lines: Vec<Vec<&str>> = said.lines().map(|l| l.split(' ').collect()).collect();
+    let lines: Vec<Vec<&str>> = message.lines().map(|l| l.split(' ').collect()).collect();
     assert_eq!(lines.iter().map(Vec::len).collect::<Vec<_>>(), [3, 5, 5, 5, 3]);
-    assert!(lines[1..4].iter().all(|l| l[4] == "no" && l[2] == lines[0][2]), "{said}");
-    assert_eq!(env(&format!("reset\n{upright}reset\n")).0, said);
+    assert!(lines[1..4].iter().all(|l| l[4] == "no" && l[2] == lines[0][2]), "{message}");
+    assert_eq!(env(&format!("reset\n{upright}reset\n")).0, message);
     // A leg far behind the body falls, and the episode ends.
-    let (said, error, status) = env(&format!("reset\n{}", "step 0 0\n".repeat(20)));
-    assert!(said.lines().last().unwrap().ends_with(" 0 fall"), "{said}");
+    let (message, error, status) = env(&format!("reset\n{}", "step 0 0\n".repeat(20)));
+    assert!(message.lines().last().unwrap().ends_with(" 0 fall"), "{message}");
     assert!(error.contains("no episode has begun; reset first"), "{error}");
     assert_eq!(status, Some(2));
     for (input, wanted) in [

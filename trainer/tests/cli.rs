@@ -31,7 +31,7 @@ fn trains_inspects_evaluates_and_infers() {
     assert_eq!(log.lines().count(), 301);
 
     let inspected = run("inspect p.bin");
-    for said in [
+    for message in [
         "format version     1",
         "3-50-50-2",
         "seed               3",
@@ -40,7 +40,7 @@ fn trains_inspects_evaluates_and_infers() {
         "test vectors       12, passed",
         "    11,   12.5,      1: ",
     ] {
-        assert!(inspected.contains(said), "{said} is not in {inspected}");
+        assert!(inspected.contains(message), "{message} is not in {inspected}");
     }
 
     let json: serde_json::Value =
@@ -54,7 +54,7 @@ fn trains_inspects_evaluates_and_infers() {
     for key in ["rho", "set_point", "mean_v", "oscillation", "fell"] {
         assert!(json["tracking"][0].get(key).is_some(), "{key}");
     }
-    let elsewhere = json["elsewhere"].as_array().unwrap();
+    let elsewhere = json["conditions"].as_array().unwrap();
     assert_eq!((elsewhere.len(), &elsewhere[10]["name"]), (12, &"moon".into()));
     for key in ["stiffness_n_m", "mass_kg", "gravity_m_s2", "rho", "survive30", "abs_v_median"] {
         assert!(elsewhere[0].get(key).is_some(), "{key}");
@@ -114,12 +114,12 @@ fn input_errors_name_the_cause_with_status_2() {
         ("import --json actor.json --out p.bin", "actor.json: output: \"linear\", expected"),
         ("inspect actor.json", "actor.json"),
     ];
-    for (line, said) in cases {
+    for (line, message) in cases {
         let arguments: Vec<&str> = line.split(' ').collect();
         let output = trainer(&arguments, directory.path());
         let error = text(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{line}: {error}");
-        assert!(error.contains(said), "{line}: {error}");
+        assert!(error.contains(message), "{line}: {error}");
     }
     for name in ["p.bin", "p.csv"] {
         assert!(!directory.path().join(name).exists(), "{name}");
@@ -181,7 +181,7 @@ fn a_printed_configuration_trains_the_policy_of_its_preset() {
     }
     assert!(std::fs::read(path("c.bin")).unwrap() == std::fs::read(path("p.bin")).unwrap());
     std::fs::write(path("bad.toml"), text(&shown.stdout).replace("= 32", "= 33")).unwrap();
-    for (line, said) in [
+    for (line, message) in [
         ("config check bad.toml", "bad.toml: learning.batch is 33, but must be 32 or 64"),
         ("train --config bad.toml --out x.bin", "bad.toml: learning.batch is 33"),
         ("train --config c.toml --preset air --out x.bin", "cannot be used with"),
@@ -192,7 +192,7 @@ fn a_printed_configuration_trains_the_policy_of_its_preset() {
     ] {
         let output = run(line);
         assert_eq!(output.status.code(), Some(2), "{line}: {}", text(&output.stderr));
-        assert!(text(&output.stderr).contains(said), "{line}: {}", text(&output.stderr));
+        assert!(text(&output.stderr).contains(message), "{line}: {}", text(&output.stderr));
     }
 }
 
@@ -203,7 +203,7 @@ fn infer_names_line_and_column_of_a_bad_observation() {
     let train = "train --preset air --episodes 5 --out p.bin --eval-starts 0";
     let arguments: Vec<&str> = train.split(' ').collect();
     assert!(trainer(&arguments, directory.path()).status.success());
-    for (content, said) in [
+    for (content, message) in [
         ("vx,y,rho\n1,2,0\n1,two,0\n", "o.csv, line 3, column y: 'two' is not a finite number"),
         ("vx,y\n1,2\n", "o.csv: no column rho"),
         ("vx,y,rho\r\n1,2,0\r\n1,2\r\n", "o.csv, line 3, column rho: the value is missing"),
@@ -219,7 +219,7 @@ fn infer_names_line_and_column_of_a_bad_observation() {
             directory.path(),
         );
         assert_eq!(output.status.code(), Some(2));
-        assert!(text(&output.stderr).contains(said), "{}", text(&output.stderr));
+        assert!(text(&output.stderr).contains(message), "{}", text(&output.stderr));
         assert!(!path("a.csv").exists());
         let output = trainer(&["infer", "--policy", "p.bin", "--input", "o.csv"], directory.path());
         assert_eq!((output.status.code(), text(&output.stdout).as_str()), (Some(2), ""));

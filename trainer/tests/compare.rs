@@ -26,7 +26,10 @@ fn compares_a_policy_with_itself_and_with_one_that_falls() {
         text(&output.stdout)
     };
     let table = run(&["compare", ROBUST, ROBUST, "--starts", "100"]);
-    assert!(table.contains("A better in 0, B better in 0, no difference seen in 24."), "{table}");
+    assert!(
+        table.contains("A better in 0, B better in 0, no significant difference in 24."),
+        "{table}"
+    );
     assert!(table.contains("They do not differ at any of them."), "{table}");
     assert_eq!(table.matches("equally fast").count(), 8, "{table}");
 
@@ -58,7 +61,7 @@ fn compares_a_policy_with_itself_and_with_one_that_falls() {
 fn input_errors_name_the_cause_with_status_2() {
     let directory = tempfile::tempdir().unwrap();
     std::fs::write(directory.path().join("not.bin"), "0123456789012345678901").unwrap();
-    for (arguments, said) in [
+    for (arguments, message) in [
         (["compare", ROBUST, "none.bin", "--seed=1"], "none.bin"),
         (["compare", "not.bin", ROBUST, "--seed=1"], "not.bin is not a valid policy"),
         (["compare", ROBUST, ROBUST, "--starts=99"], "100..=1000000"),
@@ -66,6 +69,6 @@ fn input_errors_name_the_cause_with_status_2() {
         let output = trainer(&arguments, directory.path());
         let error = text(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{error}");
-        assert!(error.contains(said), "{error}");
+        assert!(error.contains(message), "{error}");
     }
 }

@@ -30,7 +30,7 @@ fn a_printed_configuration_reads_back_and_has_a_comment_at_every_key() {
 #[test]
 fn refuses_a_parameter_with_its_key_value_and_limit() {
     let robust = Preset::Robust.config();
-    for (setting, said) in [
+    for (setting, message) in [
         ("learning.batch=33", "learning.batch is 33, but must be 32 or 64"),
         ("learning.discount=1", "learning.discount is 1, but must be from 0 to below 1"),
         ("learning.discount=nan", "learning.discount is NaN"),
@@ -67,7 +67,7 @@ fn refuses_a_parameter_with_its_key_value_and_limit() {
         ("preset=", "preset is \"\", but must be 1 to 64 bytes"),
     ] {
         let error = robust.with(setting).unwrap().check().unwrap_err().to_string();
-        assert!(error.contains(said), "{setting}: {error}");
+        assert!(error.contains(message), "{setting}: {error}");
     }
     let mut gains = Preset::Air.config();
     gains.gains[0].limit_m_s = 101.0;
@@ -91,7 +91,7 @@ fn sets_a_parameter_by_its_key() {
         robust.difference(&changed).unwrap(),
         "learning.batch is 64 in one and 32 in the other"
     );
-    for (setting, said) in [
+    for (setting, message) in [
         ("learning.batch", "expected KEY=VALUE"),
         ("learning.bach=32", "learning.bach=32: no key bach here"),
         ("learning.batch=many", "invalid type: string \"many\""),
@@ -99,7 +99,7 @@ fn sets_a_parameter_by_its_key() {
         ("network.critic=joint-70", "joint-70"),
     ] {
         let error = robust.with(setting).unwrap_err().to_string();
-        assert!(error.contains(said), "{setting}: {error}");
+        assert!(error.contains(message), "{setting}: {error}");
     }
 }
 
@@ -108,7 +108,7 @@ fn refuses_a_file_with_its_name_and_line() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("c.toml");
     let good = Preset::WaterToAir.config().to_commented_toml();
-    for (from, to, said) in [
+    for (from, to, message) in [
         ("discount", "discuont", "unknown field `discuont`"),
         ("attraction", "atraction", "unknown field `atraction`"),
         ("discount = 0.6", "discount = \"0.6\"", "invalid type: string \"0.6\", expected f32"),
@@ -120,7 +120,7 @@ fn refuses_a_file_with_its_name_and_line() {
         std::fs::write(&path, text).unwrap();
         let error = Config::read(&path).unwrap_err().to_string();
         assert!(error.starts_with(&path.display().to_string()), "{error}");
-        assert!(error.contains(said), "{to}: {error}");
+        assert!(error.contains(message), "{to}: {error}");
     }
     let missing = Config::read(&folder.path().join("none.toml")).unwrap_err();
     assert!(matches!(missing, ReadError::Read { .. }));

@@ -13,13 +13,13 @@ fn train(line: &str, folder: &Path) -> Output {
 }
 
 /// Expects status 1 with these messages, a complete log, no policy and no checkpoint.
-fn ends_with(line: &str, said: &[&str]) {
+fn ends_with(line: &str, message: &[&str]) {
     let folder = tempfile::tempdir().unwrap();
     let output = train(line, folder.path());
     let error = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(1), "{line}: {error}");
-    for said in said {
-        assert!(error.contains(said), "{line}: {error}");
+    for message in message {
+        assert!(error.contains(message), "{line}: {error}");
     }
     let names: Vec<_> =
         std::fs::read_dir(folder.path()).unwrap().map(|f| f.unwrap().file_name()).collect();

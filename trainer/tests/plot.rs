@@ -43,14 +43,14 @@ fn draws_runs_given_by_file_policy_folder_and_pattern() {
     let line = "study one.bin one.csv land=air-* --out curves.svg";
     let output = plot(line, directory.path());
     assert!(output.status.success(), "{}", text(&output.stderr));
-    let said = text(&output.stdout);
+    let message = text(&output.stdout);
     let row = |label: &str| {
-        let line = said.lines().find(|l| l.starts_with(label)).unwrap_or_default();
+        let line = message.lines().find(|l| l.starts_with(label)).unwrap_or_default();
         line.split_whitespace().take(4).map(str::to_owned).collect::<Vec<_>>().join(" ")
     };
-    assert_eq!(row("study"), "study 2 1,500 2.00", "{said}");
-    assert_eq!(row("one"), "one 1 2,000 0.50", "{said}");
-    assert_eq!(row("land"), "land 3 2,000 3.00", "{said}");
+    assert_eq!(row("study"), "study 2 1,500 2.00", "{message}");
+    assert_eq!(row("one"), "one 1 2,000 0.50", "{message}");
+    assert_eq!(row("land"), "land 3 2,000 3.00", "{message}");
     let svg = std::fs::read_to_string(path("curves.svg")).unwrap();
     assert!(svg.contains("land (3 runs)") && svg.contains("one (1 run)"), "{svg}");
     assert!(plot(line, directory.path()).status.success());
@@ -70,7 +70,7 @@ fn input_errors_name_the_cause_with_status_2() {
     write("alone.bin", "a policy");
     std::fs::create_dir(directory.path().join("empty")).unwrap();
     let nine = (1..=9).map(|i| format!("{i}=good.csv")).collect::<Vec<_>>().join(" ");
-    for (runs, said) in [
+    for (runs, message) in [
         ("none.csv", "none.csv: No such file"),
         ("table.csv", "table.csv, line 1: no column stage"),
         ("good.csv bad.csv", "bad.csv, line 4, column reward: 'NaN', expected a finite number"),
@@ -85,7 +85,7 @@ fn input_errors_name_the_cause_with_status_2() {
         let output = plot(&format!("{runs} --out curves.svg"), directory.path());
         let error = text(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{runs}: {error}");
-        assert!(error.contains(said), "{runs}: {error}");
+        assert!(error.contains(message), "{runs}: {error}");
     }
     assert!(!directory.path().join("curves.svg").exists());
     let output = plot("good.csv --out nowhere/curves.svg", directory.path());

@@ -185,10 +185,10 @@ fn refuses_a_checkpoint_that_cannot_be_used() {
     let begin = [&arguments[..], &["--checkpoint-every", "0.001"]].concat();
     let mut child = trainer(&begin, path).spawn().unwrap();
     assert!(kill_at(&mut child, path, Moment::Checkpoints(5)));
-    let refused = |arguments: &[&str], said: &str| {
+    let refused = |arguments: &[&str], message: &str| {
         let output = output(arguments, path);
         assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", error(&output));
-        assert!(error(&output).contains(said), "{arguments:?}: {}", error(&output));
+        assert!(error(&output).contains(message), "{arguments:?}: {}", error(&output));
     };
     refused(&arguments, "p.bin.checkpoint: a training with this --out is not complete");
     refused(&["--resume", "--seed", "2"], "--seed 2: the checkpoint's is 1");
@@ -200,7 +200,7 @@ fn refuses_a_checkpoint_that_cannot_be_used() {
     flipped[good.len() / 2] ^= 1;
     let mut newer = good.clone();
     newer[8] = 9;
-    for (bytes, said) in [
+    for (bytes, message) in [
         (&flipped[..], "p.bin.checkpoint: a corrupt checkpoint: its checksum is"),
         (&good[..good.len() - 1], "not a whole checkpoint"),
         (&good[..5], "not a complete checkpoint: it has 5 bytes"),
@@ -208,7 +208,7 @@ fn refuses_a_checkpoint_that_cannot_be_used() {
         (b"episode,stage,total_steps", "not the checkpoint of a training"),
     ] {
         fs::write(&file, bytes).unwrap();
-        refused(&["--resume"], said);
+        refused(&["--resume"], message);
     }
     fs::write(&file, &good).unwrap();
     let log = path.join("p.csv.part");

@@ -65,8 +65,8 @@ fn a_study_has_the_same_files_whole_killed_or_sharded() {
     let directory = tempfile::tempdir().unwrap();
     let at = directory.path();
     let table = run(&format!("{SHORT} --out whole --jobs 2"), at);
-    for said in ["air: seeds 0..4", "Worst seed: ", "still hopping", "whole: summary.csv"] {
-        assert!(table.contains(said), "{said} is not in {table}");
+    for message in ["air: seeds 0..4", "Worst seed: ", "still hopping", "whole: summary.csv"] {
+        assert!(table.contains(message), "{message} is not in {table}");
     }
     let whole = files(&at.join("whole"));
     assert_eq!(whole.len(), 4 + 4 * 3, "{:?}", whole.keys());
@@ -117,8 +117,11 @@ fn shards(at: &Path, table: &str) {
     };
     let output = slurm("0");
     assert!(output.status.success(), "{}", text(&output.stderr));
-    let said = text(&output.stdout);
-    assert!(said.contains("Shard 1/2 is done: 2 seeds") && said.contains("(1, 3)"), "{said}");
+    let message = text(&output.stdout);
+    assert!(
+        message.contains("Shard 1/2 is done: 2 seeds") && message.contains("(1, 3)"),
+        "{message}"
+    );
     let merge = |line: &str| command(line, at).output().unwrap();
     let error = refused(&merge("study merge part0 --out joined"));
     assert!(error.contains("of the study's 4 seeds these are missing: 1, 3;"), "{error}");
@@ -157,7 +160,7 @@ fn input_errors_name_the_cause_with_status_2() {
     let short = "study --preset air --steps 50 --eval-starts 1";
     run(&format!("{short} --seeds 0..1 --out s"), at);
     fs::create_dir(at.join("empty")).unwrap();
-    for (line, said) in [
+    for (line, message) in [
         ("study", "--seeds"),
         ("study --seeds 0..4 --out n", "give --preset NAME or --config FILE"),
         ("study --preset air --seeds 0..0 --out n", "0..0 holds no seed"),
@@ -177,7 +180,7 @@ fn input_errors_name_the_cause_with_status_2() {
         ("study merge --out n", "FOLDERS"),
     ] {
         let error = refused(&command(line, at).output().unwrap());
-        assert!(error.contains(said), "{line}: {error}");
+        assert!(error.contains(message), "{line}: {error}");
     }
     assert!(!at.join("n").exists());
     // A merge refuses another study, and a seed of another study.

@@ -1,6 +1,5 @@
 //! The errors of importing an actor.
 
-use super::json::TOLERANCE;
 use leg_control::actor::ShapeError;
 use leg_control::policy::WriteError;
 
@@ -32,7 +31,7 @@ pub enum ImportError {
     Shape(#[from] ShapeError),
     /// The actor does not reproduce a test vector.
     #[error(
-        "test_vectors[{index}].action: {expected:?}, but the layers give {found:?}, more than {TOLERANCE} off"
+        "test_vectors[{index}].action: {expected:?}, but the layers give {found:?}, more than {tolerance} apart"
     )]
     TestVector {
         /// Index of the test vector, from 0.
@@ -41,6 +40,8 @@ pub enum ImportError {
         expected: [f64; 2],
         /// Action of the layers.
         found: [f64; 2],
+        /// Largest difference that is allowed, rad and m/s.
+        tolerance: f64,
     },
     /// No row of layers leads from an observation to an action.
     #[error("no layers in a row lead from 3 inputs to 2 outputs; it holds {found}")]

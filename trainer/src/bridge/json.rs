@@ -20,7 +20,7 @@ use leg_control::actor::{ActionScaling, Observation, ObservationScaling};
 use serde_json::Value;
 
 /// Largest error of an imported actor against its test vectors, rad and m/s.
-pub(super) const TOLERANCE: f64 = 1e-5;
+const TOLERANCE: f64 = 1e-5;
 /// The only output stage of this layout.
 const OUTPUT: &str = "clip(output_scale*tanh(z), low, high)";
 
@@ -153,7 +153,12 @@ pub fn from_json(text: &str) -> Result<PackedActor, ImportError> {
                 actor.act(Observation { apex_vx_m_s: vx, apex_y_m: y, density_ratio: rho });
             let found = [action.touchdown_angle_rad, action.elongation_speed_m_s].map(f64::from);
             if (0..2).any(|i| (found[i] - expected[i]).abs() > TOLERANCE) {
-                return Err(ImportError::TestVector { index, expected, found });
+                return Err(ImportError::TestVector {
+                    index,
+                    expected,
+                    found,
+                    tolerance: TOLERANCE,
+                });
             }
         }
     }

@@ -100,10 +100,10 @@ fn updates(preset: Preset, isa: Isa) -> Result<Quantiles, DivergenceError> {
     while training.total_steps() < 20_000 {
         training.episode()?;
     }
-    let mut seen = None;
-    let quantiles = timed(|| seen = seen.or(training.update().not_finite()));
+    let mut value = None;
+    let quantiles = timed(|| value = value.or(training.update().not_finite()));
     let step = training.total_steps();
-    seen.map_or(Ok(quantiles), |seen| Err(DivergenceError { step, seen }))
+    value.map_or(Ok(quantiles), |value| Err(DivergenceError { step, value }))
 }
 
 fn environment_steps() -> Quantiles {

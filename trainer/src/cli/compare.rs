@@ -98,7 +98,7 @@ fn tables(c: &Comparison) -> Result<String, fmt::Error> {
     let count = |verdict| c.metrics().filter(|f| f.verdict == verdict).count();
     write!(
         text,
-        "\nOf {} lines from random starts: A better in {}, B better in {}, no difference seen in {}.",
+        "\nOf {} lines from random starts: A better in {}, B better in {}, no significant difference in {}.",
         c.metrics().count(),
         count(Verdict::ABetter),
         count(Verdict::BBetter),
@@ -111,7 +111,7 @@ fn words(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::ABetter => "A better",
         Verdict::BBetter => "B better",
-        Verdict::NoDifferenceSeen => "no difference seen",
+        Verdict::NoDifferenceSeen => "no significant difference",
     }
 }
 

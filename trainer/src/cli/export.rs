@@ -9,17 +9,17 @@ use leg_process::policy_file::PolicyFile;
 use std::path::PathBuf;
 
 const FORMATS: &str = "\
-safetensors  the layers by the names and shapes of a PyTorch nn.Sequential: 0.weight,
-             0.bias, 2.weight, …; the scalings, the gains and the rest as JSON under
-             the metadata key leg_actor
-onnx         a graph from observation, float (batch, 3), to action, float (batch, 2),
-             scalings and clip included; opset 13; the same JSON in its metadata_props
+safetensors  the layers with the names and shapes of a PyTorch nn.Sequential: 0.weight,
+             0.bias, 2.weight, …; scalings, gains and origin as JSON under the
+             metadata key leg_actor
+onnx         a graph from observation, float (batch, 3), to action, float (batch, 2), with
+             scalings and clip; opset 13; the same JSON in its metadata_props
 c            one C99 file with void leg_actor(const float observation[3], float
-             action[2]), which needs no libc and gives the controller's bits
+             action[2]), which needs no libc and computes the controller's bits
 
 The observation is vx (m/s), y (m) and density ratio rho; the action is the touchdown
 angle alpha (rad) and the elongation speed rs (m/s). The same policy gives the same
-file, and `trainer import` makes the very policy of the first two again.";
+file, and `trainer import` restores the policy from the first two formats.";
 
 #[derive(Debug, Args)]
 #[command(after_help = FORMATS)]

@@ -116,7 +116,7 @@ fn groups(arguments: &[String]) -> Result<Vec<Group>, Failure> {
     }
     if found.len() > SERIES.len() {
         return Err(input(anyhow!(
-            "{} curves, at most {} can be told apart; draw runs together as LABEL=RUN",
+            "{} curves, at most {} are distinguishable; join runs as LABEL=RUN",
             found.len(),
             SERIES.len()
         )));

@@ -1,22 +1,22 @@
-//! What every key of a configuration is: the comment beside it, and its range.
+//! The table of all keys of a configuration: description, unit and range.
 //!
-//! One row a key. A key without a row fails [`Config::check`](super::Config::check),
+//! Each key has one row. A key without a row fails [`Config::check`](super::Config::check),
 //! and with it the test of every preset.
 
 use std::fmt;
 
-/// A key and what may stand there.
+/// A key, its description and its range.
 #[derive(Debug)]
 pub(super) struct Key {
-    /// Tables and key, by dots; the same for every item of a list.
+    /// Path of tables and key, separated by dots; the same for every item of a list.
     pub(super) path: &'static str,
-    /// Empty where it has none.
+    /// Unit; empty without one.
     unit: &'static str,
     what: &'static str,
     pub(super) limit: Limit,
 }
 
-/// What a value may be.
+/// The range of a value.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Limit {
     /// A number, or each number of a list.
@@ -27,30 +27,30 @@ pub(super) enum Limit {
     Whole(i64, i64),
     /// One of a few whole numbers.
     Choice(&'static [i64]),
-    /// One of a few words.
-    Word(&'static [&'static str]),
+    /// One of a few keywords.
+    Keyword(&'static [&'static str]),
     /// true or false.
     Flag,
     /// A name.
     Name,
     /// A table.
     Table,
-    /// A list of tables, from and to so many long.
+    /// A list of tables, with its least and largest length.
     List(usize, usize),
 }
 
 /// An end of a range.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum End {
-    /// It belongs to the range.
+    /// An end that belongs to the range.
     Closed(f64),
-    /// It does not.
+    /// An end that does not belong to the range.
     Open(f64),
 }
 
-/// Bytes of a preset's name.
+/// Longest name of a preset, bytes.
 const NAME_BYTES: usize = 64;
-/// Most steps or episodes of a stage.
+/// Largest number of steps or episodes of a stage.
 const LONGEST: i64 = 1_000_000_000_000;
 
 const fn from(low: f64, high: f64) -> Limit {
@@ -74,64 +74,64 @@ const SHARE: Limit = from(0.0, 1.0);
 const RATE: Limit = above(0.0, 1.0);
 const POSITIVE: Limit = above(0.0, 1e6);
 const POSITIVE_OR_INFINITE: Limit = Limit::NumberOrInfinite { low: End::Open(0.0) };
-const CRITICS: Limit = Limit::Word(&["action-at-second-layer", "joint-50", "joint-100"]);
-const WEIGHTS: Limit = Limit::Word(&["glorot", "fan-in"]);
-const NOISES: Limit = Limit::Word(&["ornstein-uhlenbeck", "gaussian"]);
-const MEDIA: Limit = Limit::Word(&["water", "land", "water-and-air", "mixed"]);
-const TOLERANCES: Limit = Limit::Word(&["golden", "training"]);
+const CRITICS: Limit = Limit::Keyword(&["action-at-second-layer", "joint-50", "joint-100"]);
+const WEIGHTS: Limit = Limit::Keyword(&["glorot", "fan-in"]);
+const NOISES: Limit = Limit::Keyword(&["ornstein-uhlenbeck", "gaussian"]);
+const MEDIA: Limit = Limit::Keyword(&["water", "land", "water-and-air", "mixed"]);
+const TOLERANCES: Limit = Limit::Keyword(&["golden", "training"]);
 const GAIN: Limit = from(-1000.0, 1000.0);
 
 #[rustfmt::skip]
 static KEYS: &[Key] = &[
-    row("preset", "", "What this training is called; it becomes the policy's name", Limit::Name),
+    row("preset", "", "Name of the training; it becomes the policy's name", Limit::Name),
     row("network", "", "The networks and their scalings", Limit::Table),
-    row("network.critic", "", "Where the critic takes its action, and its width", CRITICS),
-    row("network.initial_weights", "", "How weights are drawn", WEIGHTS),
-    row("network.actor_last_layer", "", "Multiplies the initial weights of the actor's last layer", from(0.0, 100.0)),
+    row("network.critic", "", "Layer at which the critic takes the action, and its width", CRITICS),
+    row("network.initial_weights", "", "Distribution of the initial weights", WEIGHTS),
+    row("network.actor_last_layer", "", "Factor of the initial weights of the actor's last layer", from(0.0, 100.0)),
     row("network.observation_offset", "m/s, m, 1", "Network input = (observation - offset) * scale, for vx, y, density ratio", ANY),
     row("network.observation_scale", "s/m, 1/m, 1", "See observation_offset", POSITIVE),
-    row("network.action_offset", "rad, m/s", "Action = offset + scale * u: touchdown angle and elongation speed from u, which the critic sees", ANY),
+    row("network.action_offset", "rad, m/s", "Action = offset + scale * u: touchdown angle and elongation speed from u, the critic's input", ANY),
     row("network.action_scale", "rad, m/s", "See action_offset", POSITIVE),
     row("network.output_gain", "", "The actor's u = clip(gain * tanh z, -bound, bound)", POSITIVE),
     row("network.output_bound", "", "See output_gain; infinite where only the environment clips", POSITIVE_OR_INFINITE),
     row("network.action_low", "rad, m/s", "Lowest action that the environment takes", from(0.0, 100.0)),
     row("network.action_high", "rad, m/s", "Highest action that the environment takes", from(0.0, 100.0)),
-    row("network.symmetric_actor", "", "Whether the actor is held mirror-symmetric: vx reversed, touchdown angle reversed", Limit::Flag),
-    row("learning", "", "The update, and how often", Limit::Table),
+    row("network.symmetric_actor", "", "Whether the actor stays mirror-symmetric: reversing vx reverses the touchdown angle", Limit::Flag),
+    row("learning", "", "Parameters of the update", Limit::Table),
     row("learning.batch", "", "Samples in a batch", Limit::Choice(&[32, 64])),
     row("learning.discount", "", "Weight of the next step's value", from_to_below(0.0, 1.0)),
     row("learning.target_smoothing", "per update", "Rate at which the target networks follow", RATE),
     row("learning.actor_learning_rate", "", "Adam's learning rate for the actor", RATE),
     row("learning.critic_learning_rate", "", "Adam's learning rate for the critic", RATE),
     row("learning.final_learning_rate", "", "Both rates decay linearly to this share at the end of a stage counted in steps", RATE),
-    row("learning.max_gradient_norm", "", "Longest gradient of either network; longer ones are shortened to it", POSITIVE_OR_INFINITE),
+    row("learning.max_gradient_norm", "", "Largest norm of the gradient of either network; longer gradients are scaled down", POSITIVE_OR_INFINITE),
     row("learning.replay_capacity", "transitions", "Size of the replay buffer", Limit::Whole(32, u32::MAX as i64)),
     row("learning.random_steps", "steps", "Uniformly random actions before the first update of a stage", Limit::Whole(0, LONGEST)),
     row("learning.steps_per_update", "steps", "Environment steps for each update", Limit::Whole(1, LONGEST)),
     row("learning.mirror", "", "Whether sampled transitions are mirrored with probability 1/2", Limit::Flag),
-    row("learning.actor_averaging", "per update", "Rate at which the averaged actor follows, which is then the one kept; 0 for no averaging", SHARE),
-    row("exploration", "", "What is added to the actor's action while training, in the unit space of u", Limit::Table),
-    row("exploration.kind", "", "Noise with a memory or white noise", NOISES),
+    row("learning.actor_averaging", "per update", "Rate at which the averaged actor follows, which then is the trained actor; 0 for no averaging", SHARE),
+    row("exploration", "", "Noise that is added to the actor's action in training, in the unit space of u", Limit::Table),
+    row("exploration.kind", "", "Correlated (Ornstein-Uhlenbeck) or white (Gaussian) noise", NOISES),
     row("exploration.attraction", "per step", "Ornstein-Uhlenbeck: share of the noise that is lost", SHARE),
     row("exploration.deviation", "", "Standard deviation: at first (Ornstein-Uhlenbeck), or lowest and highest, log-uniform between, one draw an episode (Gaussian)", above(0.0, 100.0)),
     row("exploration.decay", "per step", "Ornstein-Uhlenbeck: share of the deviation that is lost", from_to_below(0.0, 1.0)),
-    row("exploration.keep_unclipped", "", "Whether the replay buffer keeps actions before the environment clips them", Limit::Flag),
+    row("exploration.keep_unclipped", "", "Whether the replay buffer stores actions before the environment clips them", Limit::Flag),
     row("reward", "", "min(log10(1 + 1 / |vx'|), cap) - elongation (1 - rho)^10 rs - height max(0, (height_m - y') / (height_m - 1))", Limit::Table),
     row("reward.cap", "", "Highest reward for stopping", POSITIVE_OR_INFINITE),
     row("reward.elongation", "s/m", "Cost of elongation on land, where it can only add energy", from(0.0, 1000.0)),
     row("reward.height", "", "Cost of an apex below height_m", from(0.0, 1000.0)),
-    row("reward.height_m", "m", "Height wanted to spare", above(1.0, 100.0)),
+    row("reward.height_m", "m", "Apex height from which there is no cost", above(1.0, 100.0)),
     row("reward.fall", "", "Reward of a step that ends in a fall", from(-1000.0, 1000.0)),
     row("reward.low_is_fall", "", "Whether an apex below 1 m, which ends the episode, is rewarded like a fall", Limit::Flag),
-    row("episode", "", "How episodes begin and end; starts are vx = spread N(0, 1), y = 1.001 + |spread N(0, 1)|, but for the shares", Limit::Table),
+    row("episode", "", "Start and end of episodes; starts are vx = spread N(0, 1), y = 1.001 + |spread N(0, 1)|, except for the shares", Limit::Table),
     row("episode.max_steps", "steps", "Longest episode", Limit::Whole(1, 100_000)),
     row("episode.spread", "m/s and m", "Spread of the starts", from(0.0, 100.0)),
     row("episode.low_share", "", "Share of starts that are low: y = 1.001 + |0.4 N(0, 1)|", SHARE),
     row("episode.uniform_share", "", "Share of starts uniform in vx within 11 m/s and y from 1 to 12.5 m", SHARE),
-    row("episode.retry_share", "", "Share of episodes at density ratios below 0.2 that begin where one before fell", SHARE),
-    row("episode.led_share", "", "Share of led episodes from each of led_from up: the velocity shown is off, as by the cascade, and a speed is wanted", SHARE),
-    row("episode.led_from", "", "Density ratios, see led_share", from(0.0, 1.0)),
-    row("episode.lead_m_s", "m/s", "Led episodes: how far ahead of the wanted speed the leg is led at a full pull", from(0.0, 100.0)),
+    row("episode.retry_share", "", "Share of episodes at density ratios below 0.2 that replay the start of an earlier fall", SHARE),
+    row("episode.led_share", "", "Share of velocity-bias episodes from each of led_from up: the velocity shown has an offset, as by the cascade, and the reward is highest at another speed", SHARE),
+    row("episode.led_from", "", "Density ratios from which the shares of led_share hold", from(0.0, 1.0)),
+    row("episode.lead_m_s", "m/s", "Velocity-bias episodes: offset beyond the wanted speed at a bias strength of 1", from(0.0, 100.0)),
     row("episode.tolerance", "", "Accuracy of the plant: 1e-8 on every state, or 1e-6 m/s a step and faster", TOLERANCES),
     row("stages", "", "Trained one after the other; the replay buffer and the exploration begin anew", Limit::List(1, 16)),
     row("stages.medium", "", "Density ratios of the episodes", Limit::Table),
@@ -140,29 +140,29 @@ static KEYS: &[Key] = &[
     row("stages.medium.thin", "", "Share uniform from 0 to thin_to", SHARE),
     row("stages.medium.thin_to", "", "See thin", SHARE),
     row("stages.medium.water", "", "Share at exactly 1", SHARE),
-    row("stages.length", "", "How long it is: in steps or in episodes", Limit::Table),
+    row("stages.length", "", "Length of the stage, in steps or in episodes", Limit::Table),
     row("stages.length.episodes", "episodes", "Length", Limit::Whole(1, LONGEST)),
     row("stages.length.steps", "steps", "Length", Limit::Whole(1, LONGEST)),
-    row("selection", "", "Which actor is kept", Limit::Table),
-    row("selection.evaluations", "", "Evaluations spread over the last stage, the best of which is kept; with 0 the last actor is", Limit::Whole(0, 10_000)),
-    row("selection.starts", "", "Starts in a vacuum in an evaluation; a quarter of them below a density ratio of 0.2, a sixteenth above", Limit::Whole(0, 1_000_000)),
-    row("selection.tracking", "", "Cost of a set-point that is not tracked; that of all starts falling at one density is 1", from(0.0, 100.0)),
-    row("gains", "", "Gains of the velocity cascade by ascending density; where there are none they are searched for after the training", Limit::List(0, 16)),
-    row("gains.density_ratio", "", "Density ratio at which these hold", from(0.0, 100.0)),
+    row("selection", "", "Selection of the best actor", Limit::Table),
+    row("selection.evaluations", "", "Number of evaluations over the last stage, of which the best actor is selected; with 0 the last actor is", Limit::Whole(0, 10_000)),
+    row("selection.starts", "", "Number of starts of an evaluation in a vacuum; a quarter of them run below a density ratio of 0.2, a sixteenth above", Limit::Whole(0, 1_000_000)),
+    row("selection.tracking", "", "Weight of the tracking cost; a fall of all starts at one density ratio costs 1", from(0.0, 100.0)),
+    row("gains", "", "Gains of the velocity cascade by ascending density ratio; without any they are searched after the training", Limit::List(0, 16)),
+    row("gains.density_ratio", "", "Density ratio of these gains", from(0.0, 100.0)),
     row("gains.kp", "", "Proportional gain", GAIN),
     row("gains.ki", "per apex", "Integral gain", GAIN),
     row("gains.kd", "per apex", "Derivative gain", GAIN),
     row("gains.feed_forward", "", "Feed-forward of the set-point", GAIN),
-    row("gains.limit_m_s", "m/s", "Bound of the offset", from(0.0, 100.0)),
+    row("gains.limit_m_s", "m/s", "Bound of the velocity offset", from(0.0, 100.0)),
 ];
 
-/// The row of a path.
+/// Returns the row of a path.
 pub(super) fn find(path: &str) -> Option<&'static Key> {
     KEYS.iter().find(|key| key.path == path)
 }
 
 impl fmt::Display for Key {
-    /// As a comment: what it is, unit, range.
+    /// Formats the row as a comment: description, unit and range.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.what)?;
         if !self.unit.is_empty() {
@@ -190,7 +190,7 @@ impl fmt::Display for Limit {
                 let of: Vec<_> = of.iter().map(ToString::to_string).collect();
                 f.write_str(&of.join(" or "))
             }
-            Self::Word(of) => f.write_str(&of.join(" or ")),
+            Self::Keyword(of) => f.write_str(&of.join(" or ")),
             Self::Flag => f.write_str("true or false"),
             Self::Name => write!(f, "1 to {NAME_BYTES} bytes, no control characters"),
             Self::Table => f.write_str("a table"),
@@ -200,7 +200,7 @@ impl fmt::Display for Limit {
 }
 
 impl Limit {
-    /// Whether a number is within.
+    /// Whether a number is in the range.
     pub(super) fn allows_number(&self, x: f64) -> bool {
         let above = |end: End| match end {
             End::Closed(low) => x >= low,
@@ -217,7 +217,7 @@ impl Limit {
         }
     }
 
-    /// Whether a whole number is within.
+    /// Whether a whole number is in the range.
     pub(super) fn allows_whole(&self, n: i64) -> bool {
         match self {
             Self::Whole(low, high) => (*low..=*high).contains(&n),
@@ -226,10 +226,10 @@ impl Limit {
         }
     }
 
-    /// Whether a text is one of those wanted.
+    /// Whether a text is allowed.
     pub(super) fn allows_text(&self, text: &str) -> bool {
         match self {
-            Self::Word(of) => of.contains(&text),
+            Self::Keyword(of) => of.contains(&text),
             Self::Name => {
                 (1..=NAME_BYTES).contains(&text.len()) && !text.chars().any(char::is_control)
             }
@@ -237,7 +237,7 @@ impl Limit {
         }
     }
 
-    /// Whether a list may be so long.
+    /// Whether a list may have this length.
     pub(super) fn allows_length(&self, length: usize) -> bool {
         !matches!(self, Self::List(least, most) if !(*least..=*most).contains(&length))
     }

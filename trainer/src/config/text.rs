@@ -84,7 +84,7 @@ impl Config {
     #[must_use]
     pub fn to_commented_toml(&self) -> String {
         let mut text = String::from(
-            "# Every figure of a training: `trainer train --config FILE --seed N --out X.bin`.\n",
+            "# Every parameter of a training: `trainer train --config FILE --seed N --out X.bin`.\n",
         );
         // Each line is a header, a key with its value, or empty.
         let mut table = String::new();

@@ -223,7 +223,7 @@ mod tests {
     #[test]
     fn errors_name_the_line_and_the_column() {
         let row = |cells: &str| format!("{HEADER}1,1,5,1,2,5,0\n{cells}\n");
-        for (text, said) in [
+        for (text, expected) in [
             (String::new(), "run.csv, line 1: no column stage"),
             ("vx,y,rho\n".into(), "run.csv, line 1: no column stage"),
             (format!("steps,{HEADER}"), "run.csv, line 1: more than one column steps"),
@@ -239,7 +239,7 @@ mod tests {
             (row("2,1,9,1,1,-4,0"), "column steps: '-4', expected a whole number, at least 1"),
         ] {
             let error = parse(&text).unwrap_err().to_string();
-            assert!(error.contains(said), "{said}: {error}");
+            assert!(error.contains(expected), "{expected}: {error}");
         }
     }
 }

@@ -28,8 +28,8 @@ const FEED_FORWARD_STEPS: [f32; 8] = [-1.0, -0.5, -0.25, -0.125, 0.125, 0.25, 0.
 const ROUNDS: usize = 2;
 /// Weight of the jumps of the set-point beside the crossings.
 const JUMP_WEIGHT: f64 = 0.2;
-/// Share of the highest speed that a point must keep.
-const SPEED_KEPT: f64 = 0.9;
+/// Share of the highest speed that every point must still reach.
+const LEAST_SPEED: f64 = 0.9;
 
 /// Returns the sum of the velocity errors on the way from density ratio 1 to 0 and back, at
 /// each set-point, m/s; `None` if the leg falls.
@@ -63,7 +63,7 @@ fn error(actor: &Actor<'_>, gains: &[GainPoint], at: usize) -> f64 {
 }
 
 /// Refines a schedule for crossings. No point may lose a tracked set-point, gain a fall or
-/// fall below [`SPEED_KEPT`] of its highest speed.
+/// fall below [`LEAST_SPEED`] of its highest speed.
 pub(super) fn refine_for_crossings(
     actor: &Actor<'_>,
     mut gains: Vec<GainPoint>,
@@ -72,7 +72,7 @@ pub(super) fn refine_for_crossings(
     let before: Vec<_> = gains.iter().zip(rho).map(|(g, &rho)| score(actor, *g, rho)).collect();
     let speed = |g: GainPoint, rho: f64| highest_speed(actor, &schedule(g), rho);
     let fast: Vec<f64> =
-        gains.par_iter().zip(rho).map(|(g, &rho)| SPEED_KEPT * speed(*g, rho)).collect();
+        gains.par_iter().zip(rho).map(|(g, &rho)| LEAST_SPEED * speed(*g, rho)).collect();
     for at in (0..ROUNDS).flat_map(|_| (0..rho.len()).rev()) {
         let now = gains[at];
         let forward =

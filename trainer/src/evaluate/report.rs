@@ -35,7 +35,6 @@ struct Json<'a> {
     reward5: Value,
     tracking: &'a [Tracking],
     max_speed: Value,
-    #[serde(rename = "elsewhere")]
     conditions: &'a [ConditionResult],
 }
 

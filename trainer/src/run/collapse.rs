@@ -30,14 +30,14 @@ const SATURATED: f32 = 0.999;
 /// A training that no longer learns.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "training collapsed by step {step}: {seen}; take another seed or lower the \
+    "training collapsed by step {step}: {symptom}; take another seed or lower the \
      learning rates"
 )]
 pub struct CollapseError {
     /// Environment step at which it was found, over all stages.
     pub step: u64,
     /// The symptom.
-    pub seen: Symptom,
+    pub symptom: Symptom,
 }
 
 /// The symptom of a collapse.
@@ -95,10 +95,10 @@ impl CollapseDetector {
         let step = training.total_steps();
         let (over, reward) = recent.over_at_once(WINDOW);
         if self.long && over >= OVER_AT_ONCE {
-            return Err(CollapseError { step, seen: Symptom::Falls { over, reward } });
+            return Err(CollapseError { step, symptom: Symptom::Falls { over, reward } });
         }
         match self.saturated(training) {
-            Some(upper) => Err(CollapseError { step, seen: Symptom::Saturated(upper) }),
+            Some(upper) => Err(CollapseError { step, symptom: Symptom::Saturated(upper) }),
             None => Ok(()),
         }
     }

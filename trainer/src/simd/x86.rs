@@ -104,7 +104,7 @@ impl<T: ProvesAvx2> Vector for F32x8<T> {
     }
     #[inline(always)]
     fn store(self, to: &mut [f32]) {
-        let to: &mut [f32; 8] = to.first_chunk_mut().expect("room for eight lanes");
+        let to: &mut [f32; 8] = to.first_chunk_mut().expect("eight lanes to store");
         // SAFETY: AVX2 by the token; the eight floats are writable; unaligned is allowed.
         unsafe { _mm256_storeu_ps(to.as_mut_ptr(), self.0) }
     }
@@ -157,7 +157,7 @@ impl Vector for F32x16 {
     }
     #[inline(always)]
     fn store(self, to: &mut [f32]) {
-        let to: &mut [f32; 16] = to.first_chunk_mut().expect("room for sixteen lanes");
+        let to: &mut [f32; 16] = to.first_chunk_mut().expect("sixteen lanes to store");
         // SAFETY: AVX-512F by the token; the sixteen floats are writable; unaligned is allowed.
         unsafe { _mm512_storeu_ps(to.as_mut_ptr(), self.0) }
     }

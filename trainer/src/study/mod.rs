@@ -30,7 +30,7 @@ use std::path::{Path, PathBuf};
 #[non_exhaustive]
 pub enum StudyError {
     /// A file cannot be read or written.
-    #[error("{}: {error}; is it the right place, and is there room?", path.display())]
+    #[error("{}: {error}; check the path and the free space", path.display())]
     File {
         /// Path of the file.
         path: PathBuf,

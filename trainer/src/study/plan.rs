@@ -166,7 +166,7 @@ mod tests {
         let seeds: Seeds = "3..7".parse().unwrap();
         assert_eq!(seeds.iter().collect::<Vec<_>>(), [3, 4, 5, 6]);
         assert_eq!((seeds.count(), seeds.to_string().as_str()), (4, "3..7"));
-        for (text, said) in [
+        for (text, expected) in [
             ("3", "'3' is not FIRST..END"),
             ("a..7", "'a..7' is not FIRST..END"),
             ("-1..7", "'-1..7' is not"),
@@ -175,7 +175,7 @@ mod tests {
             ("0..1000001", "more than 1000000 seeds"),
         ] {
             let error = text.parse::<Seeds>().unwrap_err().to_string();
-            assert!(error.starts_with(said) || error.contains(said), "{error}");
+            assert!(error.starts_with(expected) || error.contains(expected), "{error}");
         }
     }
 

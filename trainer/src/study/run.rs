@@ -69,13 +69,13 @@ impl Jobs {
             std::thread::spawn(move || {
                 while let Some(&seed) = seeds.get(next.fetch_add(1, Ordering::Relaxed)) {
                     let at = &under_way[job];
-                    let told = |share: f64| at.store((share * WHOLE) as u64, Ordering::Relaxed);
+                    let report = |share: f64| at.store((share * WHOLE) as u64, Ordering::Relaxed);
                     let go_on = |share: f64| {
-                        told(share);
+                        report(share);
                         !stopped.load(Ordering::Relaxed)
                     };
                     let Some(run) = pool.install(|| one(&plan, seed, go_on)) else { break };
-                    told(0.0);
+                    report(0.0);
                     // The receiver is gone after a stop.
                     if sender.send(run).is_err() {
                         break;

@@ -238,7 +238,7 @@ mod tests {
     #[test]
     fn parses_a_shard_by_number_and_refuses_others() {
         assert_eq!(resolve("2/3", &[]).unwrap(), "2/3");
-        for (text, said) in [
+        for (text, expected) in [
             ("0/4", "0/4: shards count from 1, so that they are 1/4 to 4/4"),
             ("5/4", "5/4: shards count from 1"),
             ("1/0", "1/0: shards count"),
@@ -247,7 +247,7 @@ mod tests {
             ("auto/0", "'auto/0' is not I/N"),
             ("auto/", "'auto/' is not I/N"),
         ] {
-            assert!(resolve(text, &[]).unwrap_err().starts_with(said), "{text}");
+            assert!(resolve(text, &[]).unwrap_err().starts_with(expected), "{text}");
         }
     }
 
@@ -274,7 +274,7 @@ mod tests {
         assert_eq!(resolve("auto", &by_five.concat()).unwrap(), "3/3");
         // A resubmitted task of an array needs a given count.
         assert_eq!(resolve("auto/4", &array("2", "2", "2", "1")).unwrap(), "3/4");
-        for (request, environment, said) in [
+        for (request, environment, expected) in [
             ("auto", &array("5", "1", "7", "3")[..], "has 3 tasks from 1 to 7 by 1"),
             ("auto", &array("0", "0", "3", "4")[..1], "SLURM_ARRAY_TASK_COUNT is not set"),
             ("auto", &array("x", "0", "3", "4")[..], "SLURM_ARRAY_TASK_ID is 'x'"),
@@ -282,7 +282,7 @@ mod tests {
             ("auto/4", &array("4", "1", "4", "4")[..], "is 4, but with 4 shards it counts from 0"),
         ] {
             let error = resolve(request, environment).unwrap_err();
-            assert!(error.contains(said), "{error}");
+            assert!(error.contains(expected), "{error}");
         }
     }
 

@@ -14,13 +14,13 @@
  * Declare it where you call it:
  *   void leg_actor(const float observation[3], float action[2]);
  *
- * C99, of which only two headers of a freestanding compiler are used: no libc.
- * The actions are those of the controller to the last bit, whatever the
+ * The source is C99. It uses two headers of a freestanding compiler and no libc.
+ * The actions equal those of the controller to the last bit for every
  * observation: sums run from the bias over the inputs in ascending order, and no
- * product is fused with its sum. A compiler may fuse where the hardware can, so
- * give it -std=c99 or -ffp-contract=off, and never -ffast-math. Built with
- * -DLEG_ACTOR_SELF_TEST, this file is a program that says whether it came out
- * right: its exit status is 0, or the number of the test vector that did not.
+ * product is fused with its sum. Compilers fuse by default where the hardware
+ * can, so compile with -std=c99 or -ffp-contract=off, and never with -ffast-math.
+ * Built with -DLEG_ACTOR_SELF_TEST, this file is a program that checks itself:
+ * its exit status is 0, or the number of the test vector that failed.
  *
  * leg_tanhf is a translation of tanhf in musl libc:
  *
@@ -193,7 +193,7 @@ static float leg_tanhf(float x)
     return sign ? -t : t;
 }
 
-/* What is not a number ends at the low bound. */
+/* NaN gives the low bound. */
 static float leg_clip(float x, float low, float high)
 {
     return x >= low ? (x <= high ? x : high) : low;

@@ -94,7 +94,7 @@ fn table(name: &str, numbers: &[f32], in_a_group: usize) -> String {
 
 fn self_test(vectors: &[TestVector]) -> String {
     let mut text = format!("#define LEG_TEST_VECTORS {}\n\n", vectors.len());
-    text += "/* Observations, and the actions that must come of them. */\n";
+    text += "/* Observations with their actions. */\n";
     text += "static const float leg_test_vectors[LEG_TEST_VECTORS][5] = {\n";
     for TestVector { observation: o, action: a } in vectors {
         let row = [o.apex_vx_m_s, o.apex_y_m, o.density_ratio].map(hex);

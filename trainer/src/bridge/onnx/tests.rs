@@ -210,11 +210,11 @@ fn of_weights(weights: Tensor, folder: Option<&Path>) -> Result<ImportedActor, S
 fn refuses_damaged_tensors() {
     let good = || tensor("w", &[2, 3], &[1.0; 6]);
     assert!(of_weights(good(), None).is_ok());
-    let refused = |change: &dyn Fn(&mut Tensor), said: &str| {
+    let refused = |change: &dyn Fn(&mut Tensor), expected: &str| {
         let mut weights = good();
         change(&mut weights);
         let error = of_weights(weights, None).unwrap_err();
-        assert!(error.contains("node Gemm") && error.contains(said), "{error}");
+        assert!(error.contains("node Gemm") && error.contains(expected), "{error}");
     };
     refused(&|t| t.dims = vec![i64::MAX, 3], "at most 16384 numbers");
     refused(&|t| t.dims = vec![1 << 32, 1 << 32], "at most 16384 numbers");
@@ -249,7 +249,7 @@ fn reads_external_weights_only_below_the_files_folder() {
     };
     let imported = of(&[("location", "w.data"), ("offset", "4"), ("length", "24")]).unwrap();
     assert_eq!(imported.layers[0].weights, numbers[1..]);
-    for (entries, said) in [
+    for (entries, expected) in [
         (&[("location", "w.data"), ("offset", "8")][..], "it ends after 20 of 24 bytes"),
         (&[("location", "w.data"), ("offset", "18446744073709551615")], "external data in"),
         (&[("location", "w.data"), ("offset", "-4")], "offset \"-4\", expected a number"),
@@ -261,6 +261,6 @@ fn reads_external_weights_only_below_the_files_folder() {
         (&[("location", "")], "not below"),
     ] {
         let error = of(entries).unwrap_err();
-        assert!(error.contains(said), "{entries:?}: {error}");
+        assert!(error.contains(expected), "{entries:?}: {error}");
     }
 }
