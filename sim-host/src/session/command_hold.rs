@@ -1,21 +1,20 @@
 //! A zero-order hold: the command in force at the leg between two commands.
 
+use leg_control::guard::safe_after_ticks;
 use leg_control::wire::{Command, Header, WIRE_VERSION};
 
 use leg_plant::LegCommand;
 
-/// Ticks without a command that counts after which the leg takes the safe one
-/// by itself; a command older than this counts no more. As many as the
-/// controller's guard bridges without a sample.
-pub const SAFE_AFTER_TICKS: u32 = 10;
-
 /// Holds the last valid command until the next one arrives.
 ///
 /// The ramp of a held command continues, so a late command delays a change but
-/// does not interrupt the push. Without a valid command for [`SAFE_AFTER_TICKS`], and
-/// before the first, the safe command is in force: leg upright, spring passive.
+/// does not interrupt the push. Without a valid command for as long as the controller's
+/// guard coasts ([`safe_after_ticks`]), and before the first, the safe command is in
+/// force: leg upright, spring passive. A command older than that is not valid.
 #[derive(Debug)]
 pub(super) struct CommandHold {
+    /// Ticks without a valid command after which the leg changes to the safe one.
+    safe_after_ticks: u32,
     last: Option<Command>,
     silent_ticks: u32,
     /// Ticks without a new valid command.
@@ -26,17 +25,17 @@ pub(super) struct CommandHold {
     pub(super) refused: u64,
 }
 
-impl Default for CommandHold {
-    fn default() -> Self {
-        let silent_ticks = SAFE_AFTER_TICKS;
-        Self { last: None, silent_ticks, held_ticks: 0, silences: 0, refused: 0 }
-    }
-}
-
 impl CommandHold {
+    /// Returns a hold without a command, for ticks of this length, ns.
+    pub(super) fn new(tick_ns: u64) -> Self {
+        let safe_after_ticks = safe_after_ticks(tick_ns);
+        let silent_ticks = safe_after_ticks;
+        Self { safe_after_ticks, last: None, silent_ticks, held_ticks: 0, silences: 0, refused: 0 }
+    }
+
     /// Discards the command in force, before another run.
     pub(super) fn reset(&mut self) {
-        (self.last, self.silent_ticks) = (None, SAFE_AFTER_TICKS);
+        (self.last, self.silent_ticks) = (None, self.safe_after_ticks);
     }
 
     /// Takes the command that arrived in this tick, if any. Returns whether it is
@@ -51,9 +50,9 @@ impl CommandHold {
             self.refused += 1;
         }
         self.held_ticks += 1;
-        if self.silent_ticks < SAFE_AFTER_TICKS {
+        if self.silent_ticks < self.safe_after_ticks {
             self.silent_ticks += 1;
-            self.silences += u64::from(self.silent_ticks == SAFE_AFTER_TICKS);
+            self.silences += u64::from(self.silent_ticks == self.safe_after_ticks);
         }
         false
     }
@@ -65,13 +64,13 @@ impl CommandHold {
         let values = [command.leg_angle_rad, command.elongation_m, command.elongation_rate_m_s];
         (version, run_id) == (WIRE_VERSION, now.run_id)
             && seq <= now.seq
-            && now.seq - seq <= u64::from(SAFE_AFTER_TICKS)
+            && now.seq - seq <= u64::from(self.safe_after_ticks)
             && self.last.is_none_or(|last| seq > last.header.seq)
             && values.iter().all(|value| value.is_finite())
     }
 
     fn current(&self) -> Option<&Command> {
-        self.last.as_ref().filter(|_| self.silent_ticks < SAFE_AFTER_TICKS)
+        self.last.as_ref().filter(|_| self.silent_ticks < self.safe_after_ticks)
     }
 
     /// Returns the command in force as it arrived, or the leg's own safe command.
@@ -114,7 +113,7 @@ mod tests {
 
     #[test]
     fn a_held_command_stays_in_force_and_its_ramp_continues() {
-        let mut hold = CommandHold::default();
+        let mut hold = CommandHold::new(1_000_000);
         assert_eq!(hold.in_force(&at(0)), Command::safe(&at(0)), "before the first");
         assert!(hold.update(&at(0), Some(command(0))));
         assert_eq!(hold.plant_command(&at(0)).elongation_m, f64::from(-0.001_f32));
@@ -127,9 +126,9 @@ mod tests {
 
     #[test]
     fn a_silent_controller_leaves_the_leg_safe_until_it_sends_again() {
-        let mut hold = CommandHold::default();
+        let mut hold = CommandHold::new(1_000_000);
         hold.update(&at(0), Some(command(0)));
-        let limit = u64::from(SAFE_AFTER_TICKS);
+        let limit = u64::from(hold.safe_after_ticks);
         for seq in 1..limit {
             hold.update(&at(seq), None);
             assert_eq!(hold.in_force(&at(seq)), command(0), "tick {seq}");
@@ -141,6 +140,19 @@ mod tests {
         assert_eq!((hold.silences, hold.held_ticks), (1, limit + 4));
         assert!(hold.update(&at(20), Some(command(19))), "a tick late, but valid");
         assert_eq!(hold.in_force(&at(20)), command(19));
+    }
+
+    #[test]
+    fn gives_up_after_the_same_time_as_the_guard_at_every_rate() {
+        for (tick_ns, ticks) in [(1_000_000, 10), (250_000, 40), (10_000_000, 3)] {
+            let mut hold = CommandHold::new(tick_ns);
+            hold.update(&at(0), Some(command(0)));
+            let safe_at = (1..100).find(|&seq| {
+                hold.update(&at(seq), None);
+                hold.in_force(&at(seq)).is_safe()
+            });
+            assert_eq!(safe_at, Some(ticks), "{tick_ns} ns");
+        }
     }
 
     #[test]
@@ -156,14 +168,14 @@ mod tests {
             |c| c.elongation_rate_m_s = f32::NEG_INFINITY,
         ];
         for (i, change) in changes.into_iter().enumerate() {
-            let mut hold = CommandHold::default();
+            let mut hold = CommandHold::new(1_000_000);
             assert!(hold.update(&at(45), Some(command(45))));
             let mut bad = command(50);
             change(&mut bad);
             assert!(!hold.update(&at(50), Some(bad)), "change {i}");
             assert_eq!((hold.refused, hold.in_force(&at(50))), (1, command(45)), "change {i}");
         }
-        let mut hold = CommandHold::default();
+        let mut hold = CommandHold::new(1_000_000);
         assert!(!hold.update(&at(30), Some(command(19))), "eleven ticks old");
         assert!(hold.update(&at(30), Some(command(20))));
     }

@@ -85,7 +85,7 @@ impl<'a> Leg<'a> {
             terrain: scenario.faults.terrain(),
             changes_medium: scenario.faults.change_the_medium(),
             world: WorldCounts::default(),
-            hold: CommandHold::default(),
+            hold: CommandHold::new(1_000_000_000 / u64::from(scenario.rate_hz)),
             seq: 0,
             earlier_ticks: 0,
             restarts: 0,

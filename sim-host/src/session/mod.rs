@@ -13,7 +13,6 @@ mod timing;
 pub mod two_processes;
 
 pub use child::ControllerChild;
-pub use command_hold::SAFE_AFTER_TICKS;
 pub use hash::StateHash;
 pub use hooks::Hooks;
 pub use leg::{Leg, TickRecord};
