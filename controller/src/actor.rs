@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 pub use packing::{PANEL_ROWS, pack};
 pub use shape::{INPUTS, MAX_LAYERS, MAX_WIDTH, OUTPUTS, ShapeError, Widths, packed_len};
 
-/// What the actor sees, once an apex.
+/// The input of the actor, once an apex.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Observation {
     /// Horizontal velocity at the apex, less the cascade's offset, m/s.
@@ -28,7 +28,7 @@ pub struct Observation {
     pub density_ratio: f32,
 }
 
-/// What the leg does until the next apex.
+/// The output of the actor: what the leg does until the next apex.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Action {
     /// Leg angle at touchdown from the +x axis, rad.
@@ -53,7 +53,7 @@ pub struct ObservationScaling {
 }
 
 impl ObservationScaling {
-    /// Observations as they are.
+    /// Passes observations unchanged.
     pub const IDENTITY: Self = Self { offset: [0.0; INPUTS], scale: [1.0; INPUTS] };
 }
 
@@ -70,7 +70,7 @@ pub struct ActionScaling {
     pub high: [f32; OUTPUTS],
 }
 
-/// A frozen actor over weights that lie elsewhere (flash, or a loaded file).
+/// A frozen actor over weights in flash or in a loaded file.
 #[derive(Clone, Debug)]
 pub struct Actor<'a> {
     widths: Widths,
@@ -80,10 +80,11 @@ pub struct Actor<'a> {
 }
 
 impl<'a> Actor<'a> {
-    /// An actor over packed weights.
+    /// Returns an actor over packed weights.
     ///
     /// # Errors
-    /// [`ShapeError`] when widths and weights do not belong together.
+    /// [`ShapeError`] when the widths are not those of an actor, or the number of weights
+    /// is another than theirs.
     pub fn new(
         widths: Widths,
         observation: ObservationScaling,
@@ -97,19 +98,19 @@ impl<'a> Actor<'a> {
         Ok(Self { widths, observation, action, weights })
     }
 
-    /// Widths from the inputs to the outputs.
+    /// Returns the widths from the inputs to the outputs.
     #[must_use]
     pub fn widths(&self) -> &[u16] {
         &self.widths
     }
 
-    /// The packed weights, in the order of the kernel.
+    /// Returns the packed weights, in the order of the kernel.
     #[must_use]
     pub fn weights(&self) -> &'a [f32] {
         self.weights
     }
 
-    /// The action for an observation. Always finite and within the clip, even
+    /// Returns the action for an observation. It is always finite and within the clip, even
     /// where the observation is not finite.
     #[must_use]
     pub fn act(&self, observation: Observation) -> Action {
@@ -124,14 +125,14 @@ impl<'a> Actor<'a> {
         }
     }
 
-    /// The network from its scaled inputs to its last sums, before tanh.
+    /// Returns the last sums of the network, before tanh, for scaled inputs.
     #[must_use]
     pub fn sums(&self, input: [f32; INPUTS]) -> [f32; OUTPUTS] {
         self.sums_by::<Chosen>(input)
     }
 
-    /// The same by the portable kernel, whatever kernel this build has chosen for
-    /// [`Self::sums`]: the same bits, and the oracle that says so.
+    /// Returns the same by the portable kernel, whatever kernel [`Self::sums`] uses in this
+    /// build. The bits are the same; tests hold one against the other.
     #[must_use]
     pub fn sums_portable(&self, input: [f32; INPUTS]) -> [f32; OUTPUTS] {
         self.sums_by::<Portable>(input)
@@ -143,7 +144,7 @@ impl<'a> Actor<'a> {
     }
 }
 
-/// Written so that a NaN ends at the low bound.
+/// Clamps to a range; a NaN becomes the low bound.
 fn clip(x: f32, low: f32, high: f32) -> f32 {
     if x >= low { if x <= high { x } else { high } } else { low }
 }

@@ -1,11 +1,11 @@
-//! The leg that a policy was trained for, as the blob states it.
+//! The parameters of the leg that a policy was trained for.
 
 use crate::checksum::crc32;
 use serde::{Deserialize, Serialize};
 
 /// Parameters of the spring leg (SLIP in a fluid), SI units, f32.
 ///
-/// Source of the default figures: table 1 and the published code of "Learning
+/// Source of the default values: table 1 and the published code of "Learning
 /// to stop", doi 10.5281/zenodo.4607469.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LegModel {
@@ -34,13 +34,14 @@ pub struct LegModel {
 /// Density of the reference fluid (ratio 1), kg/m3.
 pub const WATER_DENSITY_KG_M3: f32 = 1000.0;
 
-/// No parameter of a leg is above this, in SI units; so no product of two overflows.
-pub const MAX_FIGURE: f32 = 1e9;
+/// Largest value of any parameter, in SI units: no product of two overflows f32.
+pub const MAX_PARAMETER: f32 = 1e9;
 
-/// Whether every figure is from `least` to `most`; a NaN never is. Once in an image.
+/// Returns whether every value is from `least` to `most`; a NaN never is. Not inlined, to
+/// save flash.
 #[inline(never)]
-pub(crate) fn all_within(figures: &[f32], least: f32, most: f32) -> bool {
-    figures.iter().all(|&x| least <= x && x <= most)
+pub(crate) fn all_within(values: &[f32], least: f32, most: f32) -> bool {
+    values.iter().all(|&x| least <= x && x <= most)
 }
 
 impl LegModel {
@@ -58,9 +59,9 @@ impl LegModel {
         drag_y: 1.05,
     };
 
-    /// Every parameter, in the order of declaration.
+    /// Returns every parameter, in the order of declaration.
     #[must_use]
-    pub const fn figures(&self) -> [f32; 10] {
+    pub const fn parameters(&self) -> [f32; 10] {
         [
             self.mass_kg,
             self.added_mass_kg,
@@ -75,9 +76,9 @@ impl LegModel {
         ]
     }
 
-    /// From every parameter, in the order of declaration.
+    /// Returns the leg of these parameters, in the order of declaration.
     #[must_use]
-    pub const fn from_figures(figures: [f32; 10]) -> Self {
+    pub const fn from_parameters(parameters: [f32; 10]) -> Self {
         let [
             mass_kg,
             added_mass_kg,
@@ -89,7 +90,7 @@ impl LegModel {
             area_y_m2,
             drag_x,
             drag_y,
-        ] = figures;
+        ] = parameters;
         Self {
             mass_kg,
             added_mass_kg,
@@ -104,25 +105,25 @@ impl LegModel {
         }
     }
 
-    /// Tells legs apart: the CRC-32 of the bits of every parameter, in the
-    /// order of their declaration.
+    /// Returns an identity of the leg: the CRC-32 over the bits of every parameter (f32,
+    /// little-endian), in the order of declaration.
     #[must_use]
     pub fn fingerprint(&self) -> u32 {
-        let bits = self.figures().map(|figure| figure.to_bits().to_le());
+        let bits = self.parameters().map(|parameter| parameter.to_bits().to_le());
         crc32(bytemuck::bytes_of(&bits))
     }
 
-    /// Whether every figure is from 0 to [`MAX_FIGURE`], and those that the
+    /// Returns whether every parameter is from 0 to [`MAX_PARAMETER`], and those that the
     /// control law divides by (mass, volume, rest length) are above 0.
     #[must_use]
     pub fn is_physical(&self) -> bool {
-        all_within(&self.figures(), 0.0, MAX_FIGURE)
+        all_within(&self.parameters(), 0.0, MAX_PARAMETER)
             && self.mass_kg > 0.0
             && self.volume_m3 > 0.0
             && self.rest_length_m > 0.0
     }
 
-    /// The density ratio at which the leg, free of contact and of drag,
+    /// Returns the density ratio at which the leg, free of contact and of drag,
     /// accelerates vertically by `ay_m_s2` under gravity `gravity_m_s2`.
     ///
     /// From `ay = -(m - 1000 rho V) g / (m + M)`, which holds at an apex, where
@@ -140,7 +141,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn density_from_the_acceleration_at_an_apex() {
+    fn returns_the_density_for_the_acceleration_at_an_apex() {
         let leg = LegModel::HUMAN;
         for rho in [0.0_f32, 0.3, 1.0] {
             let ay = -(80.0 - 1000.0 * rho * 0.0624) * 9.81 / 88.0;
@@ -149,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn a_leg_without_mass_or_with_a_nan_is_not_physical() {
+    fn refuses_a_leg_without_mass_or_with_a_nan() {
         assert!(LegModel::HUMAN.is_physical());
         assert!(!LegModel { mass_kg: 0.0, ..LegModel::HUMAN }.is_physical());
         assert!(!LegModel { drag_x: f32::NAN, ..LegModel::HUMAN }.is_physical());

@@ -12,7 +12,7 @@ pub struct Measurement {
     pub y_m: f32,
     /// Vertical velocity of the mass, m/s, positive upwards.
     pub vy_m_s: f32,
-    /// Whether the foot is on the ground, or what tells it.
+    /// Whether the foot is on the ground, or the leg length that shows it.
     pub contact: Contact,
     /// Fluid density over that of water, if it is measured; otherwise the controller
     /// estimates it.

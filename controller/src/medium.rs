@@ -1,41 +1,41 @@
-//! What the leg moves in: the density ratio, from how it falls.
+//! The density ratio of the medium, estimated from the vertical acceleration.
 //!
-//! At an apex the vertical drag is zero, so the vertical acceleration tells
-//! buoyancy, and buoyancy tells density (section 2.2.1 of "Learning to stop").
+//! At an apex the vertical drag is zero, so the vertical acceleration depends on buoyancy
+//! alone, and buoyancy on density (section 2.2.1 of "Learning to stop").
 //! The acceleration is the slope of a least-squares line through the vertical
-//! velocity of the last samples in flight.
+//! velocity of the last measurements in flight.
 
 use crate::leg::LegModel;
 use heapless::Deque;
 
-/// Most samples in the window: noise of the slope falls with their number to
-/// the power of 1.5.
+/// Most measurements in the window: the noise of the slope falls with their number to the
+/// power of 1.5.
 const WINDOW: usize = 32;
-/// Oldest sample in the window, ns. Longer, and drag before the apex biases the
-/// estimate (see the tests).
+/// Age of the oldest measurement in the window, ns. In a longer window, drag before the
+/// apex would bias the estimate (see the tests).
 const WINDOW_NS: u64 = 40_000_000;
-/// Fewest samples that make an estimate.
+/// Fewest measurements of an estimate.
 const MIN_SAMPLES: usize = 3;
 
-/// The vertical velocity of the last samples in flight.
+/// The vertical velocity of the last measurements in flight.
 #[derive(Clone, Debug, Default)]
 pub struct DensityEstimator {
     flight: Deque<(u64, f32), WINDOW>,
 }
 
 impl DensityEstimator {
-    /// An estimator that has seen nothing.
+    /// Returns an estimator with an empty window.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Forgets the flight: call it whenever the foot is on the ground.
+    /// Empties the window: call it whenever the foot is on the ground.
     pub fn clear(&mut self) {
         self.flight.clear();
     }
 
-    /// Takes a sample in flight: its time, ns, and vertical velocity, m/s.
+    /// Adds a measurement in flight: its time, ns, and vertical velocity, m/s.
     pub fn push(&mut self, t_ns: u64, vy_m_s: f32) {
         if self.flight.is_full() {
             self.flight.pop_front();
@@ -44,18 +44,18 @@ impl DensityEstimator {
         let _ = self.flight.push_back((t_ns, vy_m_s));
     }
 
-    /// Samples of this flight so far, at most the window's.
+    /// Returns the number of measurements in the window.
     #[must_use]
     pub fn samples(&self) -> usize {
         self.flight.len()
     }
 
-    /// Vertical acceleration over the window, m/s2; none with fewer than
-    /// three samples in flight.
+    /// Returns the vertical acceleration over the window, m/s2; none with fewer than three
+    /// measurements.
     #[must_use]
     pub fn vertical_acceleration_m_s2(&self) -> Option<f32> {
         let &(now, vy_now) = self.flight.back()?;
-        // Relative to the newest sample: small numbers, exact in f32.
+        // Relative to the newest: small numbers, exact in f32.
         let window = || {
             self.flight
                 .iter()
@@ -81,7 +81,8 @@ impl DensityEstimator {
         (tt > 0.0).then(|| tv / tt)
     }
 
-    /// The density ratio, at an apex or near one; not clamped to any range.
+    /// Returns the density ratio, at an apex or near one, under gravity `gravity_m_s2`; not
+    /// clamped to any range. None with fewer than three measurements.
     #[must_use]
     pub fn estimate(&self, leg: &LegModel, gravity_m_s2: f32) -> Option<f32> {
         let ay = self.vertical_acceleration_m_s2()?;
@@ -110,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn without_noise_the_estimate_is_within_a_hundredth() {
+    fn estimates_the_density_within_a_hundredth_without_noise() {
         for g in [9.81, 3.71, 1.62] {
             for rho in [0.0, 0.05, 0.3, 0.5, 0.7, 0.9, 1.0] {
                 for (rate_hz, apex_ns) in [(200_u64, 1_700_000_u64), (1_000, 300_000), (4_000, 0)] {
@@ -129,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn two_samples_are_no_estimate_and_contact_forgets() {
+    fn needs_three_measurements_and_starts_anew_after_contact() {
         let mut estimator = DensityEstimator::new();
         estimator.push(0, 0.01);
         estimator.push(1_000_000, 0.0);

@@ -326,16 +326,16 @@ impl<'de> Reader<'de> {
     }
 
     /// A struct or an array of floats.
-    pub(crate) fn figures<const N: usize>(&mut self) -> [f32; N] {
-        let mut figures = [0.0; N];
-        self.fill(&mut figures);
-        figures
+    pub(crate) fn floats<const N: usize>(&mut self) -> [f32; N] {
+        let mut floats = [0.0; N];
+        self.fill(&mut floats);
+        floats
     }
 
     #[inline(never)]
-    fn fill(&mut self, figures: &mut [f32]) {
-        for figure in figures {
-            *figure = self.f32();
+    fn fill(&mut self, floats: &mut [f32]) {
+        for float in floats {
+            *float = self.f32();
         }
     }
 

@@ -1,19 +1,19 @@
 //! Sine and cosine of a leg angle, in f32 alone.
 //!
 //! A leg angle lies between 0 and pi, so one shift by a quarter turn is all the
-//! reduction there is. `libm` reduces any argument and computes in f64, which a
-//! Cortex-M4F does in software: 11 KiB of flash, and some hundred instructions
-//! more at every apex.
+//! reduction that is needed. `libm` reduces any argument and computes in f64, which a
+//! Cortex-M4F does in software: 11 KiB of flash, and some hundred instructions more at
+//! every apex.
 
 /// A quarter turn, as the sum of two floats.
 const QUARTER_HIGH: f32 = core::f32::consts::FRAC_PI_2;
-/// What the first one lacks.
+/// The rest of it, beyond the precision of the first.
 const QUARTER_LOW: f32 = -4.371_139e-8;
 
-/// Sine and cosine of an angle from 0 to pi, rad, each within 2e-7.
+/// Returns sine and cosine of an angle from 0 to pi, rad, each within 2e-7.
 ///
 /// Taylor series around a quarter turn, up to the twelfth and thirteenth power:
-/// what is left out is below 7e-9. Once in an image: no ordinary tick calls it.
+/// the remainder is below 7e-9. Not inlined, to save flash: no ordinary tick calls it.
 #[inline(never)]
 pub(crate) fn sin_cos(angle_rad: f32) -> (f32, f32) {
     let a = (angle_rad - QUARTER_HIGH) - QUARTER_LOW;
@@ -40,7 +40,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_leg_angle_is_within_two_roundings() {
+    fn sine_and_cosine_of_every_leg_angle_are_within_2e_7() {
         let steps = 1_000_000_u32;
         let (mut sine, mut cosine) = (0.0_f64, 0.0_f64);
         for k in 0..=steps {
@@ -54,7 +54,7 @@ mod tests {
     }
 
     #[test]
-    fn upright_is_exact() {
+    fn sine_of_upright_is_exactly_1() {
         let (s, c) = sin_cos(core::f32::consts::FRAC_PI_2);
         assert_eq!(s, 1.0);
         assert!(c.abs() < 1e-7);

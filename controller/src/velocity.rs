@@ -1,9 +1,8 @@
 //! The outer loop of the cascade: a PID on the apex velocity, once an apex.
 //!
-//! The frozen actor brings the leg to a hop on the spot; shown `vx - u` in
-//! place of `vx`, it brings the leg to the speed `u` instead, as far as its own
-//! steady-state error lets it. This loop finds the `u` that makes the leg's
-//! speed the set-point (after section 2.2 of "Learning to stop", whose code
+//! The frozen actor brings the leg to a hop on the spot. Given `vx - u` in place of `vx`,
+//! it brings the leg to the velocity `u` instead, up to its own steady-state error. This
+//! loop finds the `u` for which the leg travels at the set-point (after section 2.2 of "Learning to stop", whose code
 //! integrates and whose text asks for the other terms).
 //!
 //! ```text
@@ -26,21 +25,21 @@ pub struct Cascade {
 }
 
 impl Cascade {
-    /// A loop at rest.
+    /// Returns a loop with integral 0 and no last velocity.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Forgets integral and derivative.
+    /// Resets integral and derivative.
     pub fn reset(&mut self) {
         self.integral_m_s = 0.0;
         self.last_vx_m_s = None;
     }
 
-    /// The offset `u`, m/s, to be subtracted from the observed velocity, after
-    /// an apex with velocity `vx_m_s` under these gains ([`gains_at`] finds those
-    /// of a medium).
+    /// Updates the loop after an apex with velocity `vx_m_s`, under these gains ([`gains_at`]
+    /// returns those of a medium); returns the offset `u`, m/s, to subtract from the
+    /// observed velocity. Its magnitude is at most [`GainPoint::limit_m_s`].
     pub fn update(&mut self, gains: &GainPoint, set_point_m_s: f32, vx_m_s: f32) -> f32 {
         let limit = gains.limit_m_s;
         let error = set_point_m_s - vx_m_s;
@@ -58,7 +57,7 @@ impl Cascade {
     }
 }
 
-/// A schedule's gains at a density: linear between points, held beyond the ends.
+/// Returns a schedule's gains at a density: linear between points, held beyond the ends.
 #[must_use]
 pub fn gains_at(schedule: &[GainPoint], density_ratio: f32) -> GainPoint {
     let (Some(&first), Some(&last)) = (schedule.first(), schedule.last()) else {

@@ -1,13 +1,12 @@
-//! Where the time goes: ten rows of a layer at once.
+//! The inner loop of the network: ten rows of a layer at once.
 //!
 //! Every kernel adds a row's products to its bias in ascending order, each product
 //! rounded before its sum, so that all give the same bits on every target.
 //!
-//! On a Cortex-M4F it is not the arithmetic that counts but how it is put. A load
-//! costs two cycles, or one straight after another load. VMLA costs three cycles
-//! and one instruction, VMUL and VADD two of each; neither way is fused. The
-//! figures of both kernels, and of others' libraries, are in
-//! `controller/kernel-m4f/README.md`.
+//! On a Cortex-M4F the run time depends on the order of the instructions more than on the
+//! number of operations. A load costs two cycles, or one straight after another load. VMLA costs three
+//! cycles and one instruction, VMUL and VADD two of each; neither is fused. The measured
+//! cost of both kernels, and of other libraries, is in `controller/kernel-m4f/README.md`.
 #![expect(clippy::inline_always, reason = "sums must stay in registers")]
 
 use super::packing::PANEL_ROWS;
@@ -23,7 +22,7 @@ pub(super) type Sums = [f32; OUTPUTS];
 /// Outputs of a hidden layer, panel by panel.
 pub(super) type Outputs = Vec<Column, { MAX_WIDTH.div_ceil(PANEL_ROWS) }>;
 
-/// A way through the full panels of a layer. Each panel's columns lie in `columns`
+/// The computation of the full panels of a layer. Each panel's columns lie in `columns`
 /// one after the other, its biases first; `x` are the layer's inputs.
 pub(super) trait Kernel {
     /// Pushes the panels' outputs, ReLU and all, as far as there is room.
@@ -34,10 +33,10 @@ pub(super) trait Kernel {
     fn fold_outputs(z: Sums, last: &[[Sums; PANEL_ROWS]], columns: &[Column], x: &[f32]) -> Sums;
 }
 
-/// Safe, and the same source on every target.
+/// Safe Rust, the same source on every target.
 pub(super) struct Portable;
 
-/// What this build runs: assembly where the feature `m4f-asm` asks for it and the
+/// The kernel of this build: assembly where the feature `m4f-asm` asks for it and the
 /// target is one that it is written for.
 #[cfg(not(all(feature = "m4f-asm", target_arch = "arm", target_abi = "eabihf")))]
 pub(super) type Chosen = Portable;
@@ -87,7 +86,7 @@ struct Panel<'w, 'x> {
 }
 
 impl<'w, 'x> Panel<'w, 'x> {
-    /// Of biases and columns, as they lie in memory.
+    /// Splits a panel in memory into its biases and its columns.
     #[inline(always)]
     fn new(columns: &'w [Column], inputs: &'x [f32]) -> Self {
         const NONE: Column = [0.0; PANEL_ROWS];
@@ -95,7 +94,7 @@ impl<'w, 'x> Panel<'w, 'x> {
         Self { biases, columns, inputs }
     }
 
-    /// How it is put here:
+    /// Computes the outputs of the panel. For speed on a Cortex-M4F:
     /// - the sums stay in registers while the columns go by, five in a turn;
     /// - a column's weights and its input are loaded in one go ([`products`]);
     /// - of five columns about three multiply and add at once, which the compiler
@@ -159,7 +158,7 @@ fn products(&(column, input): &(&Column, &f32)) -> Column {
     weights.map(|w| w * input)
 }
 
-/// Adds to the sums, as far as there is what to add.
+/// Adds products to the first sums.
 #[inline(always)]
 fn add<const N: usize>(sums: &mut Column, more: [f32; N]) {
     for (sum, x) in sums.iter_mut().zip(more) {

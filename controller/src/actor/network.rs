@@ -5,8 +5,8 @@ use super::kernel::{Column, Kernel, Outputs, Sums, fold, relu};
 use super::packing::PANEL_ROWS;
 use super::shape::INPUTS;
 
-/// The last sums, for widths and weights that belong together: [`super::Actor::new`]
-/// sees to that. (If they did not, the sums would mean nothing; nothing panics.)
+/// Computes the last sums. [`super::Actor::new`] has checked that the weights are as many
+/// as the widths need; if they were not, the sums would be meaningless, without a panic.
 #[inline(always)]
 pub(super) fn sums<K: Kernel>(widths: &[u16], weights: &[f32], input: [f32; INPUTS]) -> Sums {
     let mut rest = weights;
@@ -31,7 +31,7 @@ pub(super) fn sums<K: Kernel>(widths: &[u16], weights: &[f32], input: [f32; INPU
     }
 }
 
-/// The first `len` outputs, without what pads the last panel.
+/// Returns the first `len` outputs, without the padding of the last panel.
 fn flat(outputs: &Outputs, len: usize) -> &[f32] {
     outputs.as_flattened().get(..len).unwrap_or_default()
 }
@@ -49,8 +49,8 @@ fn hidden_layer<K: Kernel>(rest: &mut &[f32], x: &[f32], width: usize, y: &mut O
     }
 }
 
-/// The last hidden layer, whose outputs go straight into the last layer's sums: in
-/// ascending order as ever, panel by panel, and never to memory.
+/// Computes the last hidden layer and the last layer together: each panel's outputs are
+/// added to the last layer's sums at once, in ascending order, without going to memory.
 #[inline(always)]
 fn last_two_layers<K: Kernel>(mut rest: &[f32], x: &[f32], width: usize) -> Sums {
     let narrow_rows = width % PANEL_ROWS;
@@ -70,12 +70,12 @@ fn take<'w>(rest: &mut &'w [f32], rows: usize, inputs: usize) -> &'w [f32] {
     rest.split_off(..rows * (inputs + 1)).unwrap_or_default()
 }
 
-/// The last layer's biases and columns: it is one narrow panel.
+/// Returns the last layer's biases and columns: it is one narrow panel.
 fn last_layer(weights: &[f32]) -> (Sums, &[Sums]) {
     weights.as_chunks().0.split_first().map_or_else(Default::default, |(b, w)| (*b, w))
 }
 
-/// Outputs of the last panel of a layer whose width is not a multiple of
+/// Computes the outputs of the last panel of a layer whose width is not a multiple of
 /// [`PANEL_ROWS`], padded with zeros.
 #[inline(never)]
 fn narrow_panel(weights: &[f32], rows: usize, x: &[f32]) -> Column {

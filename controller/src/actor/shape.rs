@@ -1,4 +1,4 @@
-//! Which networks are actors.
+//! The sizes of network that an actor can have.
 
 use heapless::Vec;
 
@@ -26,11 +26,11 @@ pub enum ShapeError {
     Inputs(u16),
     /// Not [`OUTPUTS`] outputs.
     Outputs(u16),
-    /// The weights are not as many as the widths ask for.
+    /// Another number of weights than the widths need.
     Weights {
-        /// Floats that the widths ask for.
+        /// Floats that the widths need.
         expected: usize,
-        /// Floats that are there.
+        /// Floats found.
         found: usize,
     },
 }
@@ -40,10 +40,10 @@ impl core::fmt::Display for ShapeError {
         match *self {
             Self::Layers(n) => write!(f, "{n} layers of weights, allowed are 1 to {MAX_LAYERS}"),
             Self::Width(w) => write!(f, "a layer {w} wide, allowed are 1 to {MAX_WIDTH}"),
-            Self::Inputs(n) => write!(f, "{n} inputs, the gait gives {INPUTS}"),
-            Self::Outputs(n) => write!(f, "{n} outputs, the leg takes {OUTPUTS}"),
+            Self::Inputs(n) => write!(f, "{n} inputs, an actor has {INPUTS}"),
+            Self::Outputs(n) => write!(f, "{n} outputs, an actor has {OUTPUTS}"),
             Self::Weights { expected, found } => {
-                write!(f, "{found} weights and biases, the widths ask for {expected}")
+                write!(f, "{found} weights and biases, the widths need {expected}")
             }
         }
     }
@@ -51,7 +51,7 @@ impl core::fmt::Display for ShapeError {
 
 impl core::error::Error for ShapeError {}
 
-/// Floats in the packed weights of these widths, after checking the widths.
+/// Checks the widths; returns the number of floats in the packed weights.
 ///
 /// # Errors
 /// [`ShapeError`] when the widths are not those of an actor.

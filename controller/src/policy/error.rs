@@ -8,14 +8,14 @@ use core::fmt;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum ParseError {
-    /// Fewer bytes than the blob says it has, or than its preamble.
+    /// Fewer bytes than the blob's length field states, or than its preamble.
     TooShort {
         /// Bytes needed.
         expected: usize,
         /// Bytes given.
         found: usize,
     },
-    /// More bytes than the blob says it has.
+    /// More bytes than the blob's length field states.
     TooLong {
         /// Bytes of the blob.
         expected: usize,
@@ -41,13 +41,13 @@ pub enum ParseError {
     Shape(ShapeError),
     /// The byte string of weights is not a whole number of floats.
     WeightBytes(usize),
-    /// A figure is not finite; the field is named.
+    /// A value of the field is not finite.
     NonFinite(Field),
-    /// A figure is outside what it may be; the field is named.
+    /// A value of the field is out of range.
     OutOfRange(Field),
     /// Fewer test vectors than a blob must carry.
     TestVectors(usize),
-    /// A test vector's action comes out otherwise.
+    /// The action of a test vector is computed differently here.
     TestVector {
         /// Which, from 0.
         index: usize,
@@ -58,8 +58,8 @@ pub enum ParseError {
     },
 }
 
-/// What a figure of a blob belongs to. Not a text: a target, which prints
-/// nothing, would carry it in flash.
+/// The field of a blob that an error is about. Not a text: a target, which prints nothing,
+/// would carry it in flash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Field {
@@ -88,7 +88,7 @@ pub enum Field {
 }
 
 impl Field {
-    /// Its name, and what its figures may be.
+    /// Returns the name of the field and the range of its values.
     const fn named(self) -> (&'static str, &'static str) {
         match self {
             Self::Observation => ("observation scaling", "finite"),
@@ -100,7 +100,9 @@ impl Field {
             Self::SpeedClip => ("clip of the elongation speed", "low to high, within 0 to 100 m/s"),
             Self::DensityRatio => ("media: density ratio", "low to high, within 0 to 100"),
             Self::Gravity => ("media: gravity", "low to high, above 0, at most 1000 m/s2"),
-            Self::Leg => ("leg", "each figure from 0 to 1e9, mass, volume and rest length above 0"),
+            Self::Leg => {
+                ("leg", "each parameter from 0 to 1e9, mass, volume and rest length above 0")
+            }
             Self::Gains => (
                 "cascade gains",
                 "at least one point, by ascending density, gains within +-1000, \
@@ -150,7 +152,7 @@ impl fmt::Display for ParseError {
             }
             Self::NonFinite(field) => {
                 let (name, _) = field.named();
-                write!(f, "{name} holds a figure that is not finite: train or export it again")
+                write!(f, "{name} holds a value that is not finite: train or export it again")
             }
             Self::OutOfRange(field) => {
                 let (name, range) = field.named();

@@ -1,4 +1,4 @@
-//! The policy blob: a frozen actor with all that is needed to trust and run it.
+//! The policy blob: a frozen actor with everything needed to check and run it.
 //!
 //! # Format, version 1
 //! One postcard message, of these fields in this order:
@@ -11,14 +11,14 @@
 //! | [`Manifest`] | postcard | name, widths, scalings, leg, media, provenance, cascade gains |
 //! | test vectors | postcard, 8 to 16 | [`TestVector`]: an observation and its action |
 //! | padding | byte string of 0 to 3 zeros | puts the weights on a multiple of 4 |
-//! | weights | byte string | f32, little-endian, packed as [`crate::actor::pack`] says, layer after layer |
+//! | weights | byte string | f32, little-endian, packed by [`crate::actor::pack`], layer after layer |
 //! | CRC-32 | u32, fixed, little-endian | ISO HDLC, over all bytes before it |
 //!
 //! The blob must lie at a 4-byte aligned address ([`Aligned`] and
-//! [`include_policy!`](crate::include_policy) see to that); weights are then
-//! read where they lie. A blob is refused whole, with a [`ParseError`], unless
-//! everything in it checks, down to the last bit of every test vector's action
-//! as computed by the very kernel that will run it.
+//! [`include_policy!`](crate::include_policy) ensure that); weights are then
+//! read in place. A blob is refused whole, with a [`ParseError`], unless every check
+//! passes. The last check computes the action of every test vector with the kernel that
+//! will run it, and compares all bits.
 
 mod aligned;
 mod error;

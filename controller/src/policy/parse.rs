@@ -1,4 +1,4 @@
-//! From bytes to a policy that has passed every check.
+//! Reads a blob and checks it.
 
 use super::{
     CRC_LEN, FORMAT_VERSION, Field, MAGIC, MIN_TEST_VECTORS, Manifest, PREAMBLE_LEN, ParseError,
@@ -8,7 +8,7 @@ use crate::actor::Actor;
 use crate::checksum::crc32;
 use crate::leg::all_within;
 
-// Far beyond any leg; within them no figure of a command can overflow.
+// Far beyond any leg; within them no value of a command can overflow.
 const MAX_SPEED_M_S: f32 = 100.0;
 const MAX_DENSITY_RATIO: f32 = 100.0;
 const MAX_GRAVITY_M_S2: f32 = 1000.0;
@@ -26,8 +26,7 @@ impl<'a> Policy<'a> {
     /// Checks a blob and reads it in place.
     ///
     /// # Errors
-    /// [`ParseError`] says what is wrong and what to do. The bytes must lie on
-    /// a multiple of 4; everything else is up to the blob.
+    /// [`ParseError`] for bytes that are no valid blob, or that are not aligned to 4 bytes.
     pub fn parse(bytes: &'a [u8]) -> Result<Self, ParseError> {
         let mut vectors = TestVectors::new();
         // Checked where it is returned, not moved out and in: a copy would take
@@ -59,32 +58,32 @@ impl<'a> Policy<'a> {
     }
 
     fn check(&self, vectors: &TestVectors) -> Result<(), ParseError> {
-        check_figures(&self.manifest, self.actor.weights(), vectors)?;
+        check_values(&self.manifest, self.actor.weights(), vectors)?;
         check_test_vectors(&self.actor, vectors)
     }
 
-    /// Everything in the blob but weights and test vectors.
+    /// Returns everything in the blob but weights and test vectors.
     #[must_use]
     pub fn manifest(&self) -> &Manifest<'a> {
         &self.manifest
     }
 
-    /// The frozen actor.
+    /// Returns the frozen actor.
     #[must_use]
     pub fn actor(&self) -> &Actor<'a> {
         &self.actor
     }
 
-    /// The blob's checksum, which serves as its short identity.
+    /// Returns the checksum of the blob, which serves as its short identity.
     #[must_use]
     pub fn crc32(&self) -> u32 {
         self.crc32
     }
 }
 
-/// How long the blob says it is, bytes; none unless it starts as one of this
-/// format. For bytes with something else behind the blob, such as a slot of
-/// flash: [`Policy::parse`] wants the blob and nothing more.
+/// Returns the length of a blob from its preamble, bytes; none unless the bytes start as a
+/// blob of this format. For a slot of flash, where other bytes follow: [`Policy::parse`]
+/// takes the blob and nothing more.
 #[must_use]
 pub fn stated_length(bytes: &[u8]) -> Option<usize> {
     let (magic, rest) = bytes.split_first_chunk::<8>()?;
@@ -127,7 +126,7 @@ fn check_frame(bytes: &[u8]) -> Result<u32, ParseError> {
 /// Finite, and where the control law relies on it, in range. Apart, so that its
 /// stack is free again when the test vectors are run.
 #[inline(never)]
-fn check_figures(
+fn check_values(
     manifest: &Manifest<'_>,
     weights: &[f32],
     vectors: &[TestVector],
@@ -139,8 +138,8 @@ fn check_figures(
         (Field::Media, &[&m.density_ratio, &m.gravity_m_s2]),
         (Field::Weights, &[weights]),
     ];
-    for (field, figures) in finite {
-        if !figures.iter().all(|figures| all_finite(figures)) {
+    for (field, values) in finite {
+        if !values.iter().all(|values| all_finite(values)) {
             return Err(ParseError::NonFinite(field));
         }
     }
@@ -170,8 +169,8 @@ fn check_figures(
     check_gains(manifest)
 }
 
-fn all_finite(figures: &[f32]) -> bool {
-    all_within(figures, f32::MIN, f32::MAX)
+fn all_finite(values: &[f32]) -> bool {
+    all_within(values, f32::MIN, f32::MAX)
 }
 
 fn check_gains(manifest: &Manifest<'_>) -> Result<(), ParseError> {

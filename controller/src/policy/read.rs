@@ -1,9 +1,8 @@
-//! The fields of a blob, one after the other.
+//! Reads the fields of a blob, one after the other.
 //!
-//! What [`super::Blob`] says to serde, written out: a target reads a policy
-//! while the leg runs, and serde's code moves each part of it over the stack,
-//! kilobytes in all, at every level of the whole. The tests hold one to the
-//! other.
+//! This is the derived `Deserialize` of [`super::Blob`], written by hand: a target reads a
+//! policy while the leg runs, and the derived code copies each part over the stack,
+//! kilobytes in all. The tests compare the two.
 
 use super::{GainPoint, Manifest, Media, Provenance, TestVector, TestVectors};
 use crate::actor::{Action, ActionScaling, Observation, ObservationScaling};
@@ -12,11 +11,11 @@ use crate::policy::CRC_LEN;
 use crate::postcard_once::Reader;
 use postcard::{Error, Result};
 
-/// Manifest, test vectors (into `vectors`) and weights. `bytes` are those of a
-/// blob from behind its preamble to its end.
+/// Reads manifest, test vectors (into `vectors`) and weights. `bytes` are those of a blob
+/// after its preamble.
 ///
 /// # Errors
-/// postcard's, when the bytes are no such fields.
+/// The error of postcard, when the fields cannot be decoded.
 pub(super) fn fields<'a>(
     bytes: &'a [u8],
     vectors: &mut TestVectors,
@@ -37,15 +36,15 @@ fn manifest<'a>(from: &mut Reader<'a>) -> Manifest<'a> {
     Manifest {
         name: from.str(),
         widths: from.list(Reader::u16),
-        observation: ObservationScaling { offset: from.figures(), scale: from.figures() },
+        observation: ObservationScaling { offset: from.floats(), scale: from.floats() },
         action: ActionScaling {
-            scale: from.figures(),
-            offset: from.figures(),
-            low: from.figures(),
-            high: from.figures(),
+            scale: from.floats(),
+            offset: from.floats(),
+            low: from.floats(),
+            high: from.floats(),
         },
-        leg: LegModel::from_figures(from.figures()),
-        media: Media { density_ratio: from.figures(), gravity_m_s2: from.figures() },
+        leg: LegModel::from_parameters(from.floats()),
+        media: Media { density_ratio: from.floats(), gravity_m_s2: from.floats() },
         provenance: Provenance {
             preset: from.str(),
             seed: from.u64(),
@@ -58,13 +57,13 @@ fn manifest<'a>(from: &mut Reader<'a>) -> Manifest<'a> {
 }
 
 fn gain_point(from: &mut Reader<'_>) -> GainPoint {
-    let [density_ratio, kp, ki, kd, feed_forward, limit_m_s] = from.figures();
+    let [density_ratio, kp, ki, kd, feed_forward, limit_m_s] = from.floats();
     GainPoint { density_ratio, kp, ki, kd, feed_forward, limit_m_s }
 }
 
 fn test_vector(from: &mut Reader<'_>) -> TestVector {
     let [apex_vx_m_s, apex_y_m, density_ratio, touchdown_angle_rad, elongation_speed_m_s] =
-        from.figures();
+        from.floats();
     TestVector {
         observation: Observation { apex_vx_m_s, apex_y_m, density_ratio },
         action: Action { touchdown_angle_rad, elongation_speed_m_s },

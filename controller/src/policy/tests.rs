@@ -59,7 +59,7 @@ fn each_fault_has_its_own_refusal() {
 }
 
 #[test]
-fn figures_that_cannot_be_run_are_refused_at_writing() {
+fn refuses_to_write_values_that_cannot_be_run() {
     let refused = |change: fn(&mut Manifest<'static>)| {
         let mut manifest = manifest();
         change(&mut manifest);
@@ -153,7 +153,7 @@ fn too_few_test_vectors_are_refused() {
 }
 
 #[test]
-fn a_buffer_that_is_too_small_is_said_so() {
+fn reports_a_buffer_that_is_too_small() {
     let mut buffer = [0_u8; 100];
     let manifest = manifest();
     assert_eq!(

@@ -1,4 +1,4 @@
-//! From a trained actor to a blob.
+//! Writes the blob of a trained actor.
 
 use super::{
     Blob, CRC_LEN, FORMAT_VERSION, MAGIC, MAX_TEST_VECTORS, Manifest, ParseError, Policy,
@@ -25,8 +25,8 @@ const TEST_OBSERVATIONS: [[f32; 3]; 12] = [
     [11.0, 12.5, 1.0],
 ];
 
-/// Writes a blob: `packed` holds the weights as [`crate::actor::pack`] lays
-/// them, layer after layer. Computes test vectors and checksum, reads the
+/// Writes a blob: `packed` holds the weights in the order of
+/// [`crate::actor::pack`], layer after layer. Computes test vectors and checksum, reads the
 /// result back, and returns its length in bytes.
 ///
 /// `buffer` must lie on a multiple of 4, with room for the weights and about
