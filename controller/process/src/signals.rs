@@ -126,7 +126,7 @@ fn has_terminal() -> bool {
 }
 
 /// Returns whether this process ignores `signal`, as it may from its start; false
-/// where `/proc` does not tell.
+/// where `/proc` does not show it.
 fn is_ignored(signal: i32) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     ignored_mask(&status).is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
