@@ -1,16 +1,16 @@
-//! postcard, each of its primitives once in an image.
+//! Postcard's encoding with each primitive once in an image.
 //!
-//! postcard's encoder and decoder are made to be inlined: at -O3 every field of
-//! every message brings its own loop over the bytes of its varint, some 10 KiB
-//! of them. Here the same primitives stand behind calls. What is encoded how is
-//! still postcard's business; only the types that messages and blobs are made
-//! of are let through.
+//! Postcard's own encoder and decoder are made to be inlined: at -O3 every field
+//! of every message brings its own loop over the bytes of its varint, some 10 KiB
+//! in all. Here the same primitives stand behind calls, and one loop serves all
+//! widths of integers. Only the types that messages and blobs consist of are
+//! supported. `controller/host/tests/serial/frame.rs` compares both directions
+//! with postcard itself.
 //!
-//! A failure is kept to the end, and told there: after each field of each
-//! message there is no branch, and none is taken in a tick.
+//! A failure is kept and reported at the end, so no branch follows each field of
+//! each message.
 
 use heapless::Vec;
-use postcard::ser_flavors::{Flavor, Slice};
 use postcard::{Error, Result};
 use serde::de::{self, DeserializeSeed, Visitor};
 use serde::{Deserialize, Serialize, ser};
@@ -18,19 +18,21 @@ use serde::{Deserialize, Serialize, ser};
 /// Encodes into `buffer`; returns the bytes used.
 ///
 /// # Errors
-/// postcard's, when the buffer is too small.
+/// Postcard's error when the buffer is too small.
 pub(crate) fn to_slice<'b>(value: &impl Serialize, buffer: &'b mut [u8]) -> Result<&'b mut [u8]> {
-    let to = postcard::Serializer { output: Slice::new(buffer) };
-    let mut writer = Writer { to, result: Ok(()) };
+    let mut writer = Writer { buffer, len: 0, is_full: false };
     value.serialize(&mut writer)?;
-    writer.result?;
-    writer.to.output.finalize()
+    let Writer { buffer, len, is_full } = writer;
+    if is_full {
+        return Err(Error::SerializeBufferFull);
+    }
+    buffer.get_mut(..len).ok_or(Error::SerializeBufferFull)
 }
 
 /// Decodes a value, and returns the bytes behind it.
 ///
 /// # Errors
-/// postcard's, when the bytes are not such a value.
+/// Postcard's error when the bytes are not such a value.
 pub(crate) fn take_from_bytes<'de, T: Deserialize<'de>>(
     bytes: &'de [u8],
 ) -> Result<(T, &'de [u8])> {
@@ -40,49 +42,60 @@ pub(crate) fn take_from_bytes<'de, T: Deserialize<'de>>(
 }
 
 struct Writer<'b> {
-    to: postcard::Serializer<Slice<'b>>,
-    /// The first failure, kept to the end.
-    result: Result<()>,
+    buffer: &'b mut [u8],
+    /// Bytes written so far.
+    len: usize,
+    /// Whether a byte found no room.
+    is_full: bool,
 }
 
 impl Writer<'_> {
-    /// Writes, unless something has failed before.
-    #[inline]
-    fn put(&mut self, value: &impl Serialize) {
-        if self.result.is_ok() {
-            self.result = value.serialize(&mut self.to);
+    #[inline(never)]
+    fn u8(&mut self, value: u8) {
+        match self.buffer.get_mut(self.len) {
+            Some(place) => {
+                *place = value;
+                self.len += 1;
+            }
+            None => self.is_full = true,
         }
     }
 
-    #[inline(never)]
-    fn u8(&mut self, value: u8) {
-        self.put(&value);
-    }
-
+    // A varint does not show how wide the number was.
     #[inline(never)]
     fn u32(&mut self, value: u32) {
-        self.put(&value);
+        self.u64(value.into());
     }
 
     #[inline(never)]
-    fn u64(&mut self, value: u64) {
-        self.put(&value);
+    fn u64(&mut self, mut value: u64) {
+        while value > 0x7f {
+            self.u8(value as u8 | 0x80);
+            value >>= 7;
+        }
+        self.u8(value as u8);
     }
 
     #[inline(never)]
     fn f32(&mut self, value: f32) {
-        self.put(&value);
+        self.raw(&value.to_le_bytes());
     }
 
     #[inline(never)]
     fn bytes(&mut self, value: &[u8]) {
-        if self.result.is_ok() {
-            self.result = ser::Serializer::serialize_bytes(&mut self.to, value);
+        self.u32(value.len() as u32);
+        self.raw(value);
+    }
+
+    #[inline(never)]
+    fn raw(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.u8(byte);
         }
     }
 }
 
-/// Types that no message has.
+/// Refuses the types that no message has.
 macro_rules! not_written {
     ($($method:ident: $type:ty),+) => {
         $(fn $method(self, _: $type) -> Result<()> {
@@ -119,7 +132,6 @@ impl ser::Serializer for &mut Writer<'_> {
         Ok(())
     }
 
-    // A varint does not tell how wide the number was.
     fn serialize_u16(self, v: u16) -> Result<()> {
         self.u32(v.into());
         Ok(())
@@ -241,7 +253,7 @@ impl ser::Serializer for &mut Writer<'_> {
     }
 }
 
-/// Parts of a whole, one after the other.
+/// Serializes the parts of a whole in order.
 macro_rules! in_order {
     ($($part:ident: $method:ident($($key:ty)?)),+) => {
         $(impl ser::$part for &mut Writer<'_> {
@@ -264,68 +276,135 @@ in_order!(SerializeSeq: serialize_element(), SerializeTuple: serialize_element()
     SerializeStruct: serialize_field(&'static str),
     SerializeStructVariant: serialize_field(&'static str));
 
-/// Reads one value after the other. After a failure every value is 0, or
-/// empty: [`Self::rest`] tells that there was one.
+/// Reads one value after the other. After a failure every value is 0 or empty,
+/// and [`Self::rest`] reports the failure.
 pub(crate) struct Reader<'de> {
-    from: postcard::Deserializer<'de, postcard::de_flavors::Slice<'de>>,
+    from: &'de [u8],
     /// The first failure.
     result: Result<()>,
 }
 
-/// The primitives.
-macro_rules! primitives {
-    ($($name:ident: $type:ty),+) => {
-        impl<'de> Reader<'de> {
-            $(#[inline(never)]
-            pub(crate) fn $name(&mut self) -> $type {
-                self.take()
-            })+
-        }
-    };
+/// Returns the most bytes of a varint of so many bits, and the greatest last
+/// byte of one that long.
+const fn longest(bits: u32) -> (u32, u8) {
+    let bytes = bits.div_ceil(7);
+    (bytes, ((1_u32 << (bits - 7 * (bytes - 1))) - 1) as u8)
 }
-
-primitives!(bool: bool, u8: u8, u16: u16, u32: u32, u64: u64, f32: f32,
-    bytes: &'de [u8]);
 
 /// For whoever reads field by field, where serde's code would move every part
 /// over the stack several times on its way to the whole.
 impl<'de> Reader<'de> {
     pub(crate) fn new(bytes: &'de [u8]) -> Self {
-        Self { from: postcard::Deserializer::from_bytes(bytes), result: Ok(()) }
+        Self { from: bytes, result: Ok(()) }
     }
 
-    /// The bytes that are left, if all that was read was there.
+    /// Returns the bytes that are left, if no read has failed.
     pub(crate) fn rest(self) -> Result<&'de [u8]> {
-        self.result?;
-        self.from.finalize()
+        self.result.map(|()| self.from)
     }
 
-    #[inline]
-    fn take<T: Deserialize<'de> + Default>(&mut self) -> T {
+    #[cold]
+    #[inline(never)]
+    fn fail(&mut self, error: Error) {
         if self.result.is_ok() {
-            match T::deserialize(&mut self.from) {
-                Ok(value) => return value,
-                Err(error) => self.result = Err(error),
+            self.result = Err(error);
+        }
+        self.from = &[];
+    }
+
+    #[inline(never)]
+    pub(crate) fn u8(&mut self) -> u8 {
+        if let Some((&byte, rest)) = self.from.split_first() {
+            self.from = rest;
+            byte
+        } else {
+            self.fail(Error::DeserializeUnexpectedEnd);
+            0
+        }
+    }
+
+    #[inline(never)]
+    pub(crate) fn bool(&mut self) -> bool {
+        match self.u8() {
+            0 => false,
+            1 => true,
+            _ => {
+                self.fail(Error::DeserializeBadBool);
+                false
             }
         }
-        T::default()
     }
 
-    /// Not by postcard: `core::str::from_utf8` is made for long texts, and as
+    #[inline(never)]
+    fn varint(&mut self, (bytes, last): (u32, u8)) -> u64 {
+        let mut value = 0;
+        for index in 0..bytes {
+            let byte = self.u8();
+            value |= u64::from(byte & 0x7f) << (7 * index);
+            if byte < 0x80 {
+                if index + 1 == bytes && byte > last {
+                    break;
+                }
+                return value;
+            }
+        }
+        self.fail(Error::DeserializeBadVarint);
+        0
+    }
+
+    #[inline(never)]
+    pub(crate) fn u16(&mut self) -> u16 {
+        self.varint(const { longest(u16::BITS) }) as u16
+    }
+
+    #[inline(never)]
+    pub(crate) fn u32(&mut self) -> u32 {
+        self.varint(const { longest(u32::BITS) }) as u32
+    }
+
+    #[inline(never)]
+    pub(crate) fn u64(&mut self) -> u64 {
+        self.varint(const { longest(u64::BITS) })
+    }
+
+    #[inline(never)]
+    pub(crate) fn f32(&mut self) -> f32 {
+        let bytes = self.raw(4).first_chunk().copied();
+        bytes.map_or(0.0, f32::from_le_bytes)
+    }
+
+    #[inline(never)]
+    pub(crate) fn bytes(&mut self) -> &'de [u8] {
+        let len = self.varint(const { longest(usize::BITS) });
+        self.raw(len as usize)
+    }
+
+    #[inline(never)]
+    fn raw(&mut self, len: usize) -> &'de [u8] {
+        if let Some((bytes, rest)) = self.from.split_at_checked(len) {
+            self.from = rest;
+            bytes
+        } else {
+            self.fail(Error::DeserializeUnexpectedEnd);
+            &[]
+        }
+    }
+
+    /// Not by `core::str::from_utf8`, which is made for long texts and takes as
     /// much code again as this.
     #[inline(never)]
     pub(crate) fn str(&mut self) -> &'de str {
         match self.bytes().utf8_chunks().next() {
             Some(chunk) if chunk.invalid().is_empty() => chunk.valid(),
             Some(_) => {
-                self.result = Err(Error::DeserializeBadUtf8);
+                self.fail(Error::DeserializeBadUtf8);
                 ""
             }
             None => "",
         }
     }
 
-    /// A struct or an array of floats.
+    /// Reads a struct or an array of floats.
     pub(crate) fn floats<const N: usize>(&mut self) -> [f32; N] {
         let mut floats = [0.0; N];
         self.fill(&mut floats);
@@ -339,14 +418,14 @@ impl<'de> Reader<'de> {
         }
     }
 
-    /// A list of at most `N` parts, each read by `part`.
+    /// Reads a list of at most `N` parts, each by `part`.
     pub(crate) fn list<T, const N: usize>(&mut self, part: impl Fn(&mut Self) -> T) -> Vec<T, N> {
         let mut list = Vec::new();
         self.extend(&mut list, part);
         list
     }
 
-    /// The same, to a list that is there already.
+    /// Appends a list to one that is there already.
     pub(crate) fn extend<T, const N: usize>(
         &mut self,
         list: &mut Vec<T, N>,
@@ -354,14 +433,14 @@ impl<'de> Reader<'de> {
     ) {
         for _ in 0..self.u32() {
             if list.push(part(self)).is_err() {
-                self.result = Err(Error::SerdeDeCustom);
+                self.fail(Error::SerdeDeCustom);
                 break;
             }
         }
     }
 }
 
-/// Types that are a primitive.
+/// Reads the types that are a primitive.
 macro_rules! read {
     ($($method:ident: $visit:ident($name:ident)),+) => {
         $(fn $method<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value> {
@@ -370,7 +449,7 @@ macro_rules! read {
     };
 }
 
-/// Types that no message has.
+/// Refuses the types that no message has.
 macro_rules! not_read {
     ($($method:ident),+) => {
         $(fn $method<V: Visitor<'de>>(self, _: V) -> Result<V::Value> {
@@ -406,7 +485,7 @@ impl<'de> de::Deserializer<'de> for &mut Reader<'de> {
     }
 
     fn deserialize_option<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value> {
-        // An option starts as a bool does.
+        // The tag of an option is encoded as a bool is.
         if self.bool() { visitor.visit_some(self) } else { visitor.visit_none() }
     }
 
@@ -467,7 +546,7 @@ impl<'de> de::Deserializer<'de> for &mut Reader<'de> {
     }
 }
 
-/// Parts of a whole, one after the other.
+/// The parts of a whole that are still to be read.
 struct Parts<'r, 'de> {
     reader: &'r mut Reader<'de>,
     left: usize,

@@ -1,8 +1,9 @@
-//! The program breaks off: the leg gets its safe command, the host is told why.
+//! The crash handler: sends the safe command to the leg and an alarm to the
+//! host.
 //!
-//! Nothing is trusted any more but the UART, by polling, and a few words that
-//! were put aside for this. In the emulator the program ends then, with an exit
-//! status of its own; on silicon it stands still until the next power-up.
+//! It relies on nothing but the UART, by polling, and a few words that were put
+//! aside. In the emulator the program then exits, with a status of its own; on
+//! silicon it stands still until the next power-up.
 
 use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -18,23 +19,25 @@ const PANIC: u8 = 101;
 /// Exit status of the emulator after a fault of the processor.
 const HARD_FAULT: u8 = 102;
 
-/// Of the last command: its turn, the run id, and tick and time, low and high
-/// half each. Words, for a crash may come between any two of them.
+/// Of the last command: its sequence number on the line, the run id, and tick
+/// and time, low and high half each. Single words, as a crash may come between
+/// any two of them.
 static LAST: [AtomicU32; 6] = [const { AtomicU32::new(0) }; 6];
 
-/// Puts aside what a safe command needs to be taken by the host.
-pub(crate) fn remember(turn: u32, command: &Command) {
+/// Puts aside what the host needs to accept a safe command.
+pub(crate) fn remember(line_seq: u32, command: &Command) {
     let Header { run_id, seq, t_ns, .. } = command.header;
-    let words = [turn, run_id, seq as u32, (seq >> 32) as u32, t_ns as u32, (t_ns >> 32) as u32];
+    let words =
+        [line_seq, run_id, seq as u32, (seq >> 32) as u32, t_ns as u32, (t_ns >> 32) as u32];
     for (place, word) in LAST.iter().zip(words) {
         place.store(word, Ordering::Relaxed);
     }
 }
 
-/// The panic handler's, and the fault handler's, last act.
+/// Ends the program after a panic or a fault.
 fn break_off(crash: Crash, status: u8) -> ! {
     cortex_m::interrupt::disable();
-    let [turn, run_id, seq, seq_high, t_ns, t_ns_high] =
+    let [line_seq, run_id, seq, seq_high, t_ns, t_ns_high] =
         LAST.each_ref().map(|word| word.load(Ordering::Relaxed));
     let whole = |high, low| u64::from(high) << 32 | u64::from(low);
     let command = Command::safe(&Header {
@@ -43,8 +46,9 @@ fn break_off(crash: Crash, status: u8) -> ! {
         t_ns: whole(t_ns_high, t_ns),
         ..Header::default()
     });
-    // What was being sent is cut off; the zero in front of a frame ends it.
-    for message in [ToHost::Command { turn, command }, ToHost::Alarm(Alarm::Crash(crash))] {
+    // A frame that was being sent is cut off; the zero in front of the next ends it.
+    let command = ToHost::Command { seq: line_seq, command };
+    for message in [command, ToHost::Alarm(Alarm::Crash(crash))] {
         let mut out = [0; MAX_FRAME];
         if let Ok(frame) = frame::encode(&message, &mut out) {
             for &byte in frame {
@@ -71,11 +75,11 @@ mod fault {
     const PC_AT: u32 = 24;
     const FRAME_LEN: u32 = 32;
 
-    /// Every fault of the processor: no other fault handler is enabled.
+    /// Handles every fault of the processor: no other fault handler is enabled.
     ///
     /// The stack may be what has failed, so it begins anew at its top. Floating
-    /// point registers that the hardware has yet to save where the stack was
-    /// are given up, or the first floating point instruction would fault again.
+    /// point registers that the hardware has yet to save to the old stack are
+    /// given up, or the first floating point instruction would fault again.
     // SAFETY: the vector table alone calls it, and it never returns.
     #[unsafe(naked)]
     #[unsafe(no_mangle)]
@@ -104,7 +108,7 @@ mod fault {
         break_off(Crash::HardFault { pc }, HARD_FAULT)
     }
 
-    /// An interrupt or exception that nobody expects is a fault, too.
+    /// Treats an unexpected interrupt or exception as a fault.
     // SAFETY: it never returns.
     #[cortex_m_rt::exception]
     unsafe fn DefaultHandler(_number: i16) -> ! {
@@ -112,16 +116,16 @@ mod fault {
     }
 }
 
-/// In an image for the tests, breaks off after some ticks, in the way that the
-/// number of the session says; else nothing.
+/// In an image for the tests, crashes after some ticks, in the way that the
+/// number of the session selects. Otherwise it does nothing.
 pub(crate) fn provoke() {
     #[cfg(feature = "provoke")]
     {
-        use leg_control::serial::pilot::SharedPilot;
-        /// Ticks that go well.
-        const TICKS: u32 = 300;
-        let (ticks, session) =
-            crate::pilot::PILOT.with(|pilot| (pilot.counts().ticks, pilot.session()));
+        use leg_control::serial::node::NodeHandle;
+        /// Ticks before the crash.
+        const TICKS: u64 = 300;
+        let status = crate::node::NODE.status();
+        let (ticks, session) = (status.run.counts.ticks, status.session);
         match session {
             Some(1) if ticks >= TICKS => panic!("as asked for"),
             Some(2) if ticks >= TICKS => cortex_m::asm::udf(),
@@ -133,7 +137,7 @@ pub(crate) fn provoke() {
     }
 }
 
-/// Uses up the stack.
+/// Overflows the stack.
 #[cfg(feature = "provoke")]
 #[allow(unconditional_recursion)]
 #[inline(never)]

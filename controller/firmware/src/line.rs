@@ -1,68 +1,112 @@
-//! The serial line: two rings, fed and drained by the UART's interrupts.
+//! The serial line: two queues of bytes between the UART's interrupts and the
+//! rest of the program.
+#![allow(unsafe_code)]
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use crate::board::{Board, Selected};
-use crate::pilot;
-use crate::ring::Ring;
+use heapless::spsc::{Consumer, Producer, Queue};
 
-/// Two of the longest frames: one is worked on while the next comes in.
-static INCOMING: Ring<512> = Ring::new();
-/// A reply and a live command, and some.
-static OUTGOING: Ring<512> = Ring::new();
+use crate::board::{Board, Selected};
+use crate::half::Half;
+use crate::node;
+
+/// Room for two of the longest frames each, and more: one frame is worked on
+/// while the next comes in; a live command goes out behind a reply.
+const LEN: usize = 512;
+
+/// From the UART's interrupt to the main loop.
+static RECEIVED: Half<Producer<'static, u8>> = Half::new();
+static TO_READ: Half<Consumer<'static, u8>> = Half::new();
+/// From the main loop and the tick, which exclude each other, to the UART's
+/// interrupt.
+static TO_SEND: Half<Producer<'static, u8>> = Half::new();
+static SENDING: Half<Consumer<'static, u8>> = Half::new();
+
 static LOST: AtomicU32 = AtomicU32::new(0);
 static UNSENT: AtomicU32 = AtomicU32::new(0);
 
-/// Bytes that came too fast to be kept.
+/// A queue of bytes.
+pub(crate) type Bytes = Queue<u8, LEN>;
+
+/// Splits the two queues. Call it before the interrupts are on.
+pub(crate) fn power_up(incoming: &'static mut Bytes, outgoing: &'static mut Bytes) {
+    let (received, to_read) = incoming.split();
+    let (to_send, sending) = outgoing.split();
+    // SAFETY: no interrupt is on yet.
+    unsafe {
+        RECEIVED.put(received);
+        TO_READ.put(to_read);
+        TO_SEND.put(to_send);
+        SENDING.put(sending);
+    }
+}
+
+/// Returns the number of bytes that came too fast to be kept.
 pub(crate) fn lost() -> u32 {
     LOST.load(Ordering::Relaxed)
 }
 
-/// Frames that found no room to be sent.
+/// Returns the number of frames without room to be sent.
 pub(crate) fn unsent() -> u32 {
     UNSENT.load(Ordering::Relaxed)
 }
 
-/// For the UART's interrupt: a byte that came.
+/// Takes a byte from the UART. Only its interrupt calls this.
 pub(crate) fn received(byte: u8) {
-    if !INCOMING.put(&[byte]) {
+    // SAFETY: `power_up` ran before the interrupts were on; those of the UART have
+    // one priority, so they exclude each other.
+    let taken = unsafe { RECEIVED.with(|queue| queue.enqueue(byte)) };
+    if taken.is_err() {
         count(&LOST);
     }
 }
 
-/// For the UART's interrupt: a byte that was overrun before it was read.
+/// Counts a byte that was overrun before the UART's interrupt read it.
 pub(crate) fn overrun() {
     count(&LOST);
 }
 
-/// For the UART's interrupt: the byte to send next.
+/// Returns the byte to send next. Only the UART's interrupt calls this.
 pub(crate) fn to_send() -> Option<u8> {
-    OUTGOING.take()
+    // SAFETY: as in `received`.
+    unsafe { SENDING.with(Consumer::dequeue) }
 }
 
-/// Sends a frame, whole or not at all; never waits. Once in the image, for the
-/// main loop and the tick.
+/// Sends a frame, whole or not at all; never waits.
+///
+/// Not inlined, so that the image has it once for the main loop and the tick.
 #[inline(never)]
 pub(crate) fn send(frame: &[u8]) {
-    // The tick's interrupt sends too: one frame at a time.
-    pilot::exclude_ticks(|| {
-        if !OUTGOING.put(frame) {
+    node::exclude_ticks(|| {
+        // SAFETY: the main loop and the tick exclude each other here, both after
+        // `power_up`.
+        let sent = unsafe { TO_SEND.with(|queue| put(queue, frame)) };
+        if !sent {
             count(&UNSENT);
         }
     });
     Selected::start_sending();
 }
 
-/// The next byte, asleep until it comes.
+/// Puts all of these bytes into a queue; or none, and returns false.
+fn put(queue: &mut Producer<'_, u8>, bytes: &[u8]) -> bool {
+    let fits = bytes.len() <= queue.capacity().saturating_sub(queue.len());
+    fits && bytes.iter().all(|&byte| queue.enqueue(byte).is_ok())
+}
+
+/// Waits, asleep, for the next byte, and returns it. Only the main loop calls
+/// this.
 pub(crate) fn wait_for_byte() -> u8 {
     loop {
-        if let Some(byte) = INCOMING.take() {
+        // SAFETY: only the main loop is the consumer, after `power_up`.
+        if let Some(byte) = unsafe { TO_READ.with(Consumer::dequeue) } {
             return byte;
         }
         // Masked between the last look and the sleep: an interrupt in between
-        // still wakes the core, and is taken once the mask is off.
+        // still wakes the core, and runs once the mask is off.
         cortex_m::interrupt::free(|_| {
-            if INCOMING.is_empty() {
+            // SAFETY: only the main loop is the consumer.
+            if unsafe { TO_READ.with(|queue| queue.is_empty()) } {
                 cortex_m::asm::wfi();
             }
         });

@@ -1,12 +1,12 @@
 //! The controller, flashed.
 //!
-//! Bytes come by interrupt into a ring; the main loop hands them to the
-//! [`Station`], which knows the protocol and the control law, and sends what it
-//! answers. In lock-step that is all. Live, the tick timer's interrupt runs the
-//! control law on the newest sample, whatever the main loop is doing.
+//! Bytes come by interrupt into a queue. The main loop passes them to the
+//! [`Endpoint`] and sends the frames that answer them; a sample in lock-step is
+//! a tick. In live mode the timer's interrupt runs the control law on the newest
+//! sample, whatever the main loop is doing.
 #![no_std]
 #![no_main]
-// Nobody catches a panic: what could raise one does not pass.
+// Nothing catches a panic, so code that could raise one is refused.
 #![cfg_attr(
     not(feature = "provoke"),
     deny(
@@ -20,39 +20,46 @@
 
 mod board;
 mod crash;
+mod half;
 mod line;
-mod pilot;
-mod ring;
+mod node;
 mod slots;
 mod stack;
 mod tick;
 
 use board::{Board, Selected};
-use leg_control::serial::desk::{self, BoardFigures};
-use leg_control::serial::pilot::SharedPilot;
-use leg_control::serial::station::Station;
 use cortex_m_rt::entry;
-use pilot::PILOT;
-use slots::Slots;
+use leg_control::serial::endpoint::Endpoint;
+use leg_control::serial::handler::{DeviceInfo, RequestHandler};
+use leg_control::serial::message::DeviceCounts;
+use leg_control::serial::node::SharedNode;
+use leg_control::serial::slots::FlashSlots;
+use node::NODE;
+use slots::PolicyFlash;
 
-const IDENTITY: desk::Board =
-    desk::Board { name: Selected::NAME, firmware: env!("CARGO_PKG_VERSION") };
+const DEVICE: DeviceInfo =
+    DeviceInfo { name: Selected::NAME, firmware: env!("CARGO_PKG_VERSION") };
 
 #[entry]
 fn main() -> ! {
-    PILOT.power_up();
+    static mut INCOMING: line::Bytes = line::Bytes::new();
+    static mut OUTGOING: line::Bytes = line::Bytes::new();
+    NODE.power_up();
+    line::power_up(INCOMING, OUTGOING);
     Selected::power_up();
-    let mut station = Station::power_up(IDENTITY, Slots::<Selected>::new(), &PILOT);
-    if let Some(alarm) = station.alarm() {
-        line::send(alarm);
+    let store = FlashSlots::new(PolicyFlash::<Selected>::new());
+    let (mut handler, alarm) = RequestHandler::power_up(DEVICE, store, &NODE);
+    let mut endpoint = Endpoint::new();
+    if let Some(frame) = alarm.and_then(|alarm| endpoint.alarm(alarm)) {
+        line::send(frame);
     }
     loop {
         let byte = line::wait_for_byte();
-        if let Some(frame) = station.push(byte, &PILOT, figures) {
+        if let Some(frame) = endpoint.push(byte, &mut handler, &NODE, device_counts) {
             line::send(frame);
-            PILOT.with(|pilot| {
-                if let Some((turn, command)) = pilot.answered() {
-                    crash::remember(*turn, command);
+            NODE.with(|node| {
+                if let Some((seq, command)) = node.answered() {
+                    crash::remember(*seq, command);
                 }
             });
             tick::follow_mode();
@@ -61,9 +68,9 @@ fn main() -> ! {
     }
 }
 
-/// What only this board knows.
-fn figures() -> BoardFigures {
-    BoardFigures {
+/// Returns the counters that only this board knows.
+fn device_counts() -> DeviceCounts {
+    DeviceCounts {
         unsent: line::unsent(),
         lost_bytes: line::lost(),
         stack_used: stack::used(),

@@ -1,72 +1,113 @@
-//! The two policy slots, where the linker has put them.
+//! The policy flash of a board: the region that the linker sets aside for the
+//! two slots, as [`embedded_storage`] and [`MappedFlash`] see it.
 #![allow(unsafe_code)]
 
 use core::marker::PhantomData;
 use core::ptr::addr_of_mut;
 
-use leg_control::serial::message::Slot;
-use leg_control::serial::slots::{FlashFault, PolicyFlash};
+use embedded_storage::nor_flash::{
+    ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
+};
+use leg_control::serial::slots::MappedFlash;
 
 use crate::board::FlashChip;
 
 unsafe extern "C" {
+    /// The start of slot A. Slot B lies right behind it.
     static mut __slot_a: u32;
-    static mut __slot_b: u32;
     /// Its address is the length of a slot, bytes.
     static mut __slot_len: u32;
 }
 
-/// The slots of a board.
-pub(crate) struct Slots<B>(PhantomData<B>);
+/// The flash did not do what was requested.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct FlashError;
 
-impl<B: FlashChip> Slots<B> {
+impl NorFlashError for FlashError {
+    fn kind(&self) -> NorFlashErrorKind {
+        NorFlashErrorKind::Other
+    }
+}
+
+/// Both slots of a board.
+#[derive(Debug)]
+pub(crate) struct PolicyFlash<B>(PhantomData<B>);
+
+impl<B: FlashChip> PolicyFlash<B> {
     pub(crate) const fn new() -> Self {
         Self(PhantomData)
     }
-}
 
-fn start(slot: Slot) -> *mut u32 {
-    match slot {
-        Slot::A => addr_of_mut!(__slot_a),
-        Slot::B => addr_of_mut!(__slot_b),
+    fn start() -> *mut u32 {
+        addr_of_mut!(__slot_a)
     }
-}
 
-impl<B: FlashChip> PolicyFlash for Slots<B> {
-    fn slot_len(&self) -> usize {
+    fn slot_len() -> usize {
         addr_of_mut!(__slot_len).addr()
     }
+}
 
-    fn bytes(&self, slot: Slot) -> &'static [u8] {
-        // SAFETY: memory that the linker script sets aside for this, aligned to
-        // a sector, readable at any time. It changes only by `erase` and
-        // `program`, whose callers see to it that no borrow is in use.
-        unsafe { core::slice::from_raw_parts(start(slot).cast(), self.slot_len()) }
-    }
+impl<B: FlashChip> ErrorType for PolicyFlash<B> {
+    type Error = FlashError;
+}
 
-    fn erase(&mut self, slot: Slot) -> Result<(), FlashFault> {
-        // SAFETY: a whole slot, that nothing borrows (the trait's contract).
-        unsafe { B::erase(start(slot), self.slot_len() / 4) }?;
-        let is_blank = self.bytes(slot).iter().all(|&byte| byte == 0xff);
-        if is_blank { Ok(()) } else { Err(FlashFault) }
-    }
+impl<B: FlashChip> ReadNorFlash for PolicyFlash<B> {
+    const READ_SIZE: usize = 4;
 
-    #[inline(never)]
-    fn program(&mut self, slot: Slot, offset: u32, word: u32) -> Result<(), FlashFault> {
-        let index = offset as usize / 4;
-        if !offset.is_multiple_of(4) || index >= self.slot_len() / 4 {
-            return Err(FlashFault);
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
+        for (index, to) in bytes.iter_mut().enumerate() {
+            let at = offset as usize + index;
+            if at >= self.capacity() {
+                return Err(FlashError);
+            }
+            // SAFETY: a byte of the slots; volatile, as it was just written.
+            *to = unsafe { Self::start().cast::<u8>().add(at).read_volatile() };
         }
-        // SAFETY: a word of the slot, that nothing borrows (the trait's contract).
-        let found = unsafe {
-            let place = start(slot).add(index);
-            B::program(place, word)?;
-            place.read_volatile()
-        };
-        if found == word { Ok(()) } else { Err(FlashFault) }
+        Ok(())
     }
 
-    fn erase_stalls(&self) -> bool {
-        B::ERASE_STALLS
+    fn capacity(&self) -> usize {
+        2 * Self::slot_len()
+    }
+}
+
+impl<B: FlashChip> NorFlash for PolicyFlash<B> {
+    const WRITE_SIZE: usize = 4;
+    // The board knows the sector; the store erases whole slots.
+    const ERASE_SIZE: usize = 4;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
+        let words = to.saturating_sub(from) as usize / 4;
+        if to as usize > self.capacity() || !from.is_multiple_of(4) {
+            return Err(FlashError);
+        }
+        // SAFETY: a whole slot, which nothing borrows (contract of `MappedFlash`).
+        unsafe { B::erase(Self::start().add(from as usize / 4), words) }
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
+        if !offset.is_multiple_of(4) || offset as usize + bytes.len() > self.capacity() {
+            return Err(FlashError);
+        }
+        for (index, word) in bytes.as_chunks().0.iter().enumerate() {
+            // SAFETY: a word of a slot, which nothing borrows (contract of
+            // `MappedFlash`).
+            unsafe {
+                let place = Self::start().add(offset as usize / 4 + index);
+                B::program(place, u32::from_le_bytes(*word))?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl<B: FlashChip> MappedFlash for PolicyFlash<B> {
+    const ERASE_STALLS: bool = B::ERASE_STALLS;
+
+    fn mapped(&self) -> &'static [u8] {
+        // SAFETY: memory that the linker script sets aside for this, aligned to
+        // a sector, readable at any time. It changes only by `erase` and `write`,
+        // whose callers make sure that no borrow is in use.
+        unsafe { core::slice::from_raw_parts(Self::start().cast(), self.capacity()) }
     }
 }

@@ -1,38 +1,29 @@
-//! Flash for two policies, in memory, with the manners of NOR flash: for
-//! whoever runs a serial controller on a host.
+//! NOR flash for two policies, in memory: for a virtual board on a host.
 
 use std::cell::Cell;
 use std::sync::{Mutex, PoisonError};
 
+use embedded_storage::nor_flash::{
+    ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
+};
 use leg_control::serial::message::Slot;
-use leg_control::serial::pilot::{Pilot, SharedPilot};
-use leg_control::serial::slots::{FlashFault, PolicyFlash};
+use leg_control::serial::node::{ControlNode, SharedNode};
+use leg_control::serial::slots::MappedFlash;
 
-/// Bytes of a slot, unless asked for otherwise: those of the boards.
+/// Length of a slot, bytes, unless another is chosen: that of the boards.
 const SLOT_LEN: usize = 16 * 1024;
+const WORD: usize = 4;
 
-/// Two slots: an erase sets all bits, programming only clears them.
+/// Two slots, A below B: an erase sets all bits, programming only clears them.
 ///
-/// A policy borrows its slot for good, and this memory changes: so each state
-/// of a slot that is looked at is kept until the process ends, 16 KiB for each
-/// of the few looks that an upload takes.
+/// A policy borrows its slot for good, and this memory changes: each state that
+/// is looked at is therefore kept until the process ends, 32 KiB for each of the
+/// few looks that an upload takes.
 #[derive(Clone, Debug)]
 pub struct MemoryFlash {
-    a: Words,
-    b: Words,
-}
-
-/// A slot's words, and its bytes as last looked at.
-#[derive(Clone, Debug)]
-struct Words {
     now: Vec<u32>,
+    /// The bytes as last looked at.
     seen: Cell<Option<&'static [u8]>>,
-}
-
-impl Words {
-    fn erased(len: usize) -> Self {
-        Self { now: vec![u32::MAX; len / 4], seen: Cell::new(None) }
-    }
 }
 
 impl Default for MemoryFlash {
@@ -42,94 +33,105 @@ impl Default for MemoryFlash {
 }
 
 impl MemoryFlash {
-    /// Two erased slots of 16 KiB.
+    /// Makes two erased slots of 16 KiB.
     #[must_use]
     pub fn new() -> Self {
         Self::with_slot_len(SLOT_LEN)
     }
 
-    /// Two erased slots of this many bytes, rounded down to whole words.
+    /// Makes two erased slots of this many bytes, rounded down to whole words.
     #[must_use]
     pub fn with_slot_len(bytes: usize) -> Self {
-        Self { a: Words::erased(bytes), b: Words::erased(bytes) }
+        Self { now: vec![u32::MAX; 2 * (bytes / WORD)], seen: Cell::new(None) }
     }
 
-    /// With these bytes at a slot's start and the rest erased, as a flash image
-    /// or a probe leaves it; what does not fit is left out.
+    /// Returns the flash with these bytes at a slot's start and the rest of the
+    /// slot erased, as a flash image or a probe leaves it. Bytes that do not fit
+    /// are left out.
     #[must_use]
     pub fn loaded(mut self, slot: Slot, bytes: &[u8]) -> Self {
-        let words = self.words(slot);
-        *words = Words::erased(4 * words.now.len());
-        for (word, part) in words.now.iter_mut().zip(bytes.chunks(4)) {
-            let mut whole = [0xff; 4];
+        let half = self.now.len() / 2;
+        let slot = &mut self.now[half * slot as usize..][..half];
+        slot.fill(u32::MAX);
+        for (word, part) in slot.iter_mut().zip(bytes.chunks(WORD)) {
+            let mut whole = [0xff; WORD];
             whole[..part.len()].copy_from_slice(part);
             *word = u32::from_le_bytes(whole);
         }
+        self.seen.set(None);
         self
-    }
-
-    fn words(&mut self, slot: Slot) -> &mut Words {
-        match slot {
-            Slot::A => &mut self.a,
-            Slot::B => &mut self.b,
-        }
     }
 }
 
-impl PolicyFlash for MemoryFlash {
-    fn slot_len(&self) -> usize {
-        4 * self.a.now.len()
-    }
+impl ErrorType for MemoryFlash {
+    type Error = NorFlashErrorKind;
+}
 
-    fn bytes(&self, slot: Slot) -> &'static [u8] {
-        let words = match slot {
-            Slot::A => &self.a,
-            Slot::B => &self.b,
-        };
-        let bytes = words.seen.get().unwrap_or_else(|| {
-            // The host is little-endian, as the wire is.
-            let words: &'static [u32] = Vec::leak(words.now.clone());
-            bytemuck::cast_slice(words)
-        });
-        words.seen.set(Some(bytes));
-        bytes
-    }
+impl ReadNorFlash for MemoryFlash {
+    const READ_SIZE: usize = 1;
 
-    fn erase(&mut self, slot: Slot) -> Result<(), FlashFault> {
-        *self.words(slot) = Words::erased(self.slot_len());
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
+        check_read(self, offset, bytes.len())?;
+        let now: &[u8] = bytemuck::cast_slice(&self.now);
+        bytes.copy_from_slice(&now[offset as usize..][..bytes.len()]);
         Ok(())
     }
 
-    fn program(&mut self, slot: Slot, offset: u32, word: u32) -> Result<(), FlashFault> {
-        if !offset.is_multiple_of(4) {
-            return Err(FlashFault);
+    fn capacity(&self) -> usize {
+        WORD * self.now.len()
+    }
+}
+
+impl NorFlash for MemoryFlash {
+    const WRITE_SIZE: usize = WORD;
+    const ERASE_SIZE: usize = WORD;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
+        check_erase(self, from, to)?;
+        self.seen.set(None);
+        self.now[from as usize / WORD..to as usize / WORD].fill(u32::MAX);
+        Ok(())
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
+        check_write(self, offset, bytes.len())?;
+        self.seen.set(None);
+        let (words, _) = bytes.as_chunks();
+        for (to, word) in self.now[offset as usize / WORD..].iter_mut().zip(words) {
+            *to &= u32::from_le_bytes(*word);
         }
-        let words = self.words(slot);
-        words.seen.set(None);
-        let place = words.now.get_mut(offset as usize / 4).ok_or(FlashFault)?;
-        *place &= word;
-        if *place == word { Ok(()) } else { Err(FlashFault) }
-    }
-
-    fn erase_stalls(&self) -> bool {
-        false
+        Ok(())
     }
 }
 
-/// A pilot that threads share by a lock.
+impl MappedFlash for MemoryFlash {
+    const ERASE_STALLS: bool = false;
+
+    fn mapped(&self) -> &'static [u8] {
+        let bytes = self.seen.get().unwrap_or_else(|| {
+            // The host is little-endian, as the wire is.
+            let words: &'static [u32] = Vec::leak(self.now.clone());
+            bytemuck::cast_slice(words)
+        });
+        self.seen.set(Some(bytes));
+        bytes
+    }
+}
+
+/// A node that threads share by a lock.
 #[derive(Debug)]
-pub struct LockedPilot(Mutex<Pilot<'static>>);
+pub struct LockedNode(Mutex<ControlNode<'static>>);
 
-impl LockedPilot {
-    /// Puts a pilot behind a lock.
+impl LockedNode {
+    /// Puts a node behind a lock.
     #[must_use]
-    pub fn new(pilot: Pilot<'static>) -> Self {
-        Self(Mutex::new(pilot))
+    pub fn new(node: ControlNode<'static>) -> Self {
+        Self(Mutex::new(node))
     }
 }
 
-impl SharedPilot for LockedPilot {
-    fn with<R>(&self, f: impl FnOnce(&mut Pilot<'static>) -> R) -> R {
+impl SharedNode for LockedNode {
+    fn with<R>(&self, f: impl FnOnce(&mut ControlNode<'static>) -> R) -> R {
         f(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }

@@ -6,13 +6,16 @@
 //! ```
 //!
 //! COBS leaves no 0 inside a frame, so a 0 on the line is always a border, and
-//! whoever listens is in step again at the next one. The 0 in front shuts off
-//! noise from an idle line: without it, noise would cost the frame behind it.
-//! An empty frame, between two zeros, is nothing at all. No body is long enough
-//! for a full COBS group of 254 bytes.
+//! a receiver is synchronized again at the next one. The 0 in front separates
+//! noise on an idle line from the frame: without it, noise would cost the frame
+//! behind it. Two borders with nothing between them are ignored. No body is long
+//! enough for a full COBS group of 254 bytes.
 //!
-//! COBS is written out here, a dozen lines each way: the `cobs` crate indexes
-//! slices, and the image is to have no panicking path.
+//! COBS is written out here, a few lines each way: a message is encoded in place,
+//! where the state machine of the `cobs` crate needs a second buffer.
+
+use core::error::Error;
+use core::fmt;
 
 use serde::{Deserialize, Serialize};
 
@@ -21,121 +24,108 @@ use super::message::LineCounts;
 use crate::checksum::crc32;
 use crate::postcard_once;
 
-/// Most bytes of a message, encoded.
+/// The most bytes of an encoded message.
 pub const MAX_PAYLOAD: usize = 224;
-/// Bytes of the checksum.
+/// Length of the checksum, bytes.
 const CRC_LEN: usize = 4;
-/// Most bytes inside COBS: version, payload, checksum.
+/// The most bytes inside COBS: version, payload, checksum.
 const MAX_BODY: usize = 1 + MAX_PAYLOAD + CRC_LEN;
-/// Most bytes of a frame on the line: two borders and one byte of COBS.
+/// The most bytes of a frame on the line, with two borders and one byte of COBS.
 pub const MAX_FRAME: usize = MAX_BODY + 3;
 
 // One group always does: its code is at most 254.
 const _: () = assert!(MAX_BODY <= 253);
 
-/// What came between two borders and is no frame.
+/// Why the bytes between two borders are no good frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum FrameFault {
-    /// Not as COBS has it, or too short.
+pub enum FrameError {
+    /// The bytes are too few, or not valid COBS.
     Malformed,
-    /// Longer than any message.
+    /// They are more than any message has.
     Oversize,
     /// The checksum does not match.
     Crc,
-    /// A frame of another protocol version.
+    /// The frame has another protocol version.
     Version(u8),
 }
 
-/// A message longer than [`MAX_PAYLOAD`].
+/// A message is longer than [`MAX_PAYLOAD`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TooLong;
+pub struct TooLongError;
 
-/// A payload that is no message of this version, or one with something behind it.
+/// A payload is no message of this version, or bytes follow the message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Unknown;
+pub struct UnknownMessageError;
 
-/// Why a message was not sent.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum SendFault<E> {
-    /// It is longer than any frame.
-    TooLong,
-    /// The writer took no more bytes.
-    Full,
-    /// The writer's own fault.
-    Io(E),
+impl fmt::Display for FrameError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Malformed => f.write_str("a frame that is too short or not valid COBS"),
+            Self::Oversize => f.write_str("a frame longer than any message"),
+            Self::Crc => f.write_str("a frame with a wrong checksum"),
+            Self::Version(version) => write!(f, "a frame of protocol version {version}"),
+        }
+    }
 }
 
-/// Puts a message into a frame; returns the part of `frame` that is used.
+impl fmt::Display for TooLongError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "the message is longer than {MAX_PAYLOAD} bytes")
+    }
+}
+
+impl fmt::Display for UnknownMessageError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("the payload is no message of this protocol version")
+    }
+}
+
+impl Error for FrameError {}
+impl Error for TooLongError {}
+impl Error for UnknownMessageError {}
+
+/// Encodes a message as a frame; returns the part of `frame` that is used.
 ///
 /// # Errors
-/// [`TooLong`] when it is longer than [`MAX_PAYLOAD`].
+/// [`TooLongError`] when it is longer than [`MAX_PAYLOAD`].
 pub fn encode<'f>(
     message: &impl Serialize,
     frame: &'f mut [u8; MAX_FRAME],
-) -> Result<&'f [u8], TooLong> {
-    let mut body = [0_u8; MAX_BODY];
-    let (version, rest) = body.split_first_mut().ok_or(TooLong)?;
+) -> Result<&'f [u8], TooLongError> {
+    let [border, code, rest @ ..] = frame;
+    let (version, room) = rest.split_first_mut().ok_or(TooLongError)?;
     *version = PROTOCOL_VERSION;
-    let room = rest.get_mut(..MAX_PAYLOAD).ok_or(TooLong)?;
-    let payload_len = postcard_once::to_slice(message, room).map_err(|_| TooLong)?.len();
-    let (checked, rest) = body.split_at_mut_checked(1 + payload_len).ok_or(TooLong)?;
-    let crc = rest.first_chunk_mut::<CRC_LEN>().ok_or(TooLong)?;
+    let room = room.get_mut(..MAX_PAYLOAD).ok_or(TooLongError)?;
+    let payload_len = postcard_once::to_slice(message, room).map_err(|_| TooLongError)?.len();
+    let (checked, rest) = rest.split_at_mut_checked(1 + payload_len).ok_or(TooLongError)?;
+    let (crc, rest) = rest.split_first_chunk_mut::<CRC_LEN>().ok_or(TooLongError)?;
     *crc = crc32(checked).to_le_bytes();
-    let body = body.get(..1 + payload_len + CRC_LEN).ok_or(TooLong)?;
+    let end = rest.first_mut().ok_or(TooLongError)?;
+    (*border, *end) = (0, 0);
 
-    // A group is a run without zeros, led by its length plus 1.
-    let mut len = 0_usize;
-    let mut places = frame.iter_mut();
-    let mut put = |byte: u8| {
-        if let Some(place) = places.next() {
-            *place = byte;
-            len += 1;
-        }
-    };
-    put(0);
-    for group in body.split(|&byte| byte == 0) {
-        put(group.len() as u8 + 1);
-        for &byte in group {
-            put(byte);
+    // Backwards, each 0 becomes the length of the run behind it plus 1.
+    let mut run = 1;
+    for byte in crc.iter_mut().rev().chain(checked.iter_mut().rev()) {
+        if *byte == 0 {
+            *byte = core::mem::replace(&mut run, 1);
+        } else {
+            run += 1;
         }
     }
-    put(0);
-    frame.get(..len).ok_or(TooLong)
+    *code = run;
+    frame.get(..1 + payload_len + CRC_LEN + 3).ok_or(TooLongError)
 }
 
-/// Reads a payload as one message, and nothing behind it.
+/// Decodes a payload that is one message, with nothing behind it.
 ///
 /// # Errors
-/// [`Unknown`] when it is anything else.
-pub fn decode<'p, M: Deserialize<'p>>(payload: &'p [u8]) -> Result<M, Unknown> {
+/// [`UnknownMessageError`] when it is anything else.
+pub fn decode<'p, M: Deserialize<'p>>(payload: &'p [u8]) -> Result<M, UnknownMessageError> {
     match postcard_once::take_from_bytes(payload) {
         Ok((message, [])) => Ok(message),
-        _ => Err(Unknown),
+        _ => Err(UnknownMessageError),
     }
-}
-
-/// Sends a message, whole, over anything that takes bytes.
-///
-/// # Errors
-/// [`SendFault`] when the message is too long, or the writer fails or takes no
-/// more; part of the frame may then have gone, which the receiver sees as a
-/// damaged one.
-pub fn send<W: embedded_io::Write>(
-    writer: &mut W,
-    message: &impl Serialize,
-) -> Result<(), SendFault<W::Error>> {
-    let mut frame = [0; MAX_FRAME];
-    let mut rest = encode(message, &mut frame).map_err(|TooLong| SendFault::TooLong)?;
-    while !rest.is_empty() {
-        let taken = writer.write(rest).map_err(SendFault::Io)?;
-        rest = rest.get(taken..).unwrap_or_default();
-        if taken == 0 {
-            return Err(SendFault::Full);
-        }
-    }
-    writer.flush().map_err(SendFault::Io)
 }
 
 /// Finds frames in a stream of bytes that may hold anything.
@@ -148,18 +138,18 @@ pub struct Receiver {
     payload_len: usize,
     state: State,
     /// Whether the last frame was a bad one.
-    astray: bool,
+    after_bad: bool,
     counts: LineCounts,
 }
 
-/// Where in a frame the line is.
+/// The position of the stream in a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
-    /// At a border.
+    /// The last byte was a border.
     Border,
-    /// In a group with this many bytes to come.
+    /// A group has this many bytes to come.
     Group(u8),
-    /// In a frame that is too long already.
+    /// The frame is already too long.
     Oversize,
 }
 
@@ -170,8 +160,7 @@ impl Default for Receiver {
 }
 
 impl Receiver {
-    /// A receiver that has heard nothing. Before the first border it takes
-    /// what it hears for a frame.
+    /// Makes a receiver. Bytes before the first border count as a frame.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -179,25 +168,25 @@ impl Receiver {
             len: 0,
             payload_len: 0,
             state: State::Border,
-            astray: false,
+            after_bad: false,
             counts: LineCounts::ZERO,
         }
     }
 
-    /// What came so far. Each run of bytes between two borders is in one of
+    /// Returns the counts so far. Each run of bytes between two borders is in one of
     /// `frames`, `crc_errors`, `malformed`, `oversize` and `version`.
     #[must_use]
     pub fn counts(&self) -> &LineCounts {
         &self.counts
     }
 
-    /// Counts a good frame whose payload is no message that the caller knows.
+    /// Counts a good frame whose payload the caller could not decode.
     pub fn count_unknown(&mut self) {
         self.counts.unknown = self.counts.unknown.saturating_add(1);
     }
 
-    /// Takes a byte. At the end of a frame: its payload, or what is wrong.
-    pub fn push(&mut self, byte: u8) -> Option<Result<&[u8], FrameFault>> {
+    /// Takes a byte. At the end of a frame it returns the payload, or the error.
+    pub fn push(&mut self, byte: u8) -> Option<Result<&[u8], FrameError>> {
         if byte != 0 {
             self.take(byte);
             return None;
@@ -208,28 +197,28 @@ impl Receiver {
         }
         let len = core::mem::take(&mut self.len);
         let checked = match state {
-            State::Oversize => Err(FrameFault::Oversize),
-            State::Group(0) => self.body.get(..len).ok_or(FrameFault::Malformed).and_then(check),
-            State::Group(_) | State::Border => Err(FrameFault::Malformed),
+            State::Oversize => Err(FrameError::Oversize),
+            State::Group(0) => self.body.get(..len).ok_or(FrameError::Malformed).and_then(check),
+            State::Group(_) | State::Border => Err(FrameError::Malformed),
         };
         let count = match checked {
             Ok(_) => &mut self.counts.frames,
-            Err(FrameFault::Malformed) => &mut self.counts.malformed,
-            Err(FrameFault::Oversize) => &mut self.counts.oversize,
-            Err(FrameFault::Crc) => &mut self.counts.crc_errors,
-            Err(FrameFault::Version(_)) => &mut self.counts.version,
+            Err(FrameError::Malformed) => &mut self.counts.malformed,
+            Err(FrameError::Oversize) => &mut self.counts.oversize,
+            Err(FrameError::Crc) => &mut self.counts.crc_errors,
+            Err(FrameError::Version(_)) => &mut self.counts.version,
         };
         *count = count.saturating_add(1);
-        let was_astray = core::mem::replace(&mut self.astray, checked.is_err());
-        if was_astray && checked.is_ok() {
+        let followed_bad = core::mem::replace(&mut self.after_bad, checked.is_err());
+        if followed_bad && checked.is_ok() {
             self.counts.resyncs = self.counts.resyncs.saturating_add(1);
         }
         self.payload_len = checked.map_or(0, <[u8]>::len);
         Some(checked.map(|_| self.payload()))
     }
 
-    /// The payload of the frame that the last byte ended: empty after a bad
-    /// frame, and of no meaning once the next frame has begun.
+    /// Returns the payload of the frame that the last byte ended: empty after a
+    /// bad frame, and meaningless once the next frame has begun.
     #[must_use]
     pub fn payload(&self) -> &[u8] {
         self.body.get(1..1 + self.payload_len).unwrap_or_default()
@@ -253,15 +242,15 @@ impl Receiver {
     }
 }
 
-/// The payload of a body.
-fn check(body: &[u8]) -> Result<&[u8], FrameFault> {
-    let (checked, crc) = body.split_last_chunk::<CRC_LEN>().ok_or(FrameFault::Malformed)?;
-    let (&version, payload) = checked.split_first().ok_or(FrameFault::Malformed)?;
+/// Checks a body and returns its payload.
+fn check(body: &[u8]) -> Result<&[u8], FrameError> {
+    let (checked, crc) = body.split_last_chunk::<CRC_LEN>().ok_or(FrameError::Malformed)?;
+    let (&version, payload) = checked.split_first().ok_or(FrameError::Malformed)?;
     if u32::from_le_bytes(*crc) != crc32(checked) {
-        return Err(FrameFault::Crc);
+        return Err(FrameError::Crc);
     }
     if version != PROTOCOL_VERSION {
-        return Err(FrameFault::Version(version));
+        return Err(FrameError::Version(version));
     }
     Ok(payload)
 }

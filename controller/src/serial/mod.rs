@@ -1,20 +1,22 @@
-//! The controller at the far end of a byte stream: what a flashed controller
-//! and its host say to each other, and what the controller does about it.
+//! The serial protocol: a control node at one end of a byte stream, its host at
+//! the other.
 //!
-//! [`frame`] carries a message over any stream of bytes, [`message`] says what
-//! the messages are, [`slots`] keeps two policies in flash, [`pilot`] runs the
-//! control law once a tick, [`desk`] answers everything else, and [`station`]
-//! is all of them behind one byte. All of it is free of I/O: a board gives it
-//! bytes and ticks. The protocol is written down
-//! in `controller/src/serial/PROTOCOL.md`.
+//! [`frame`] carries a message over any stream of bytes, and [`message`]
+//! defines the messages. [`node`] runs the control law once a tick.
+//! [`handler`] answers requests, and keeps policies in a [`store`], of which
+//! [`slots`] is the one in flash. [`endpoint`] joins all of them at a byte
+//! stream. None of it performs I/O: a board or a process passes in bytes and
+//! ticks. `controller/src/serial/PROTOCOL.md` specifies the protocol.
 
-pub mod desk;
+pub mod endpoint;
+pub mod error;
 pub mod frame;
+pub mod handler;
 pub mod message;
-pub mod pilot;
+pub mod node;
 pub mod slots;
-pub mod station;
+pub mod store;
 
-/// The protocol spoken here: raised whenever the bytes of any message or of
-/// the framing change.
-pub const PROTOCOL_VERSION: u8 = 1;
+/// The version of the protocol. It is raised whenever the bytes of any message
+/// or of the framing change.
+pub const PROTOCOL_VERSION: u8 = 2;

@@ -1,36 +1,40 @@
-//! Two slots of flash, a policy in each: what lies where, and which one runs.
+//! Two policy slots in NOR flash.
 //!
 //! A slot is a whole number of 4-byte words that are erased together. The blob
-//! lies at its start, the *seal* in its last 32 bytes:
+//! lies at its start and the *seal* in its last 32 bytes:
 //!
-//! | word | erased until | then |
+//! | word | written | value |
 //! |---|---|---|
-//! | opened | an upload begins | [`OPENED`]: from now on the slot counts only if sealed |
-//! | sequence | commit | one more than that of the other slot; higher is newer |
-//! | length | commit | of the blob, bytes |
-//! | crc32 | commit | the blob's |
-//! | seal | commit, as the last word | CRC-32 of the four words before it |
-//! | revoked | a roll-back | [`REVOKED`]: never chosen again |
-//! | 2 spare | - | - |
+//! | opened | when an upload begins | [`OPENED`]: from then on the slot counts only if sealed |
+//! | sequence | at commit | one more than that of the other slot; a higher one is newer |
+//! | length | at commit | length of the blob, bytes |
+//! | crc32 | at commit | CRC-32 of the blob |
+//! | seal | at commit, as the last word | CRC-32 of the four words before it |
+//! | revoked | at a roll-back | [`REVOKED`]: the slot is never chosen again |
+//! | 2 spare | never | |
 //!
-//! A word is programmed once after an erase, and the one that decides comes
-//! last: power may go between any two words, and the slots still say which
-//! policy is the one to run. A slot whose seal is blank holds a blob that came
-//! with the flash image, or from a probe: it needs no seal, and is of sequence
-//! 0. Blank is all ones, or all zeros, as memory that only plays flash has it.
+//! A word is programmed once after an erase, and the deciding word comes last,
+//! so power may fail between any two words and the slots still define which
+//! policy runs. A slot with a blank seal holds a blob that came with the flash
+//! image or from a probe: it needs no seal, and its sequence number is 0. Blank
+//! is all ones, or all zeros where RAM stands in for flash.
 
-use super::message::{BlobFault, Slot, SlotFault};
+use embedded_storage::nor_flash::NorFlash;
+
+use super::error::{BlobError, SlotError};
+use super::message::Slot;
+use super::store::{self, PolicyStore, StoreError};
 use crate::checksum::{self, crc32};
-use crate::policy::{self, MAGIC, ParseError, Policy};
+use crate::policy::{self, MAGIC, Policy};
 
 /// Bytes at the end of a slot that are not for the blob.
 pub const SEAL_LEN: usize = 32;
-/// Mark of a slot that an upload was begun in: `OPEN`.
+/// Marks a slot in which an upload was begun: `OPEN`.
 pub const OPENED: u32 = u32::from_le_bytes(*b"OPEN");
-/// Mark of a slot that was rolled back: `BACK`.
+/// Marks a slot that was rolled back: `BACK`.
 pub const REVOKED: u32 = u32::from_le_bytes(*b"BACK");
 
-/// Places of the seal's words, bytes from its start.
+/// Offsets of the seal's words, bytes from its start.
 mod place {
     pub(super) const OPENED: u32 = 0;
     pub(super) const SEQUENCE: u32 = 4;
@@ -42,48 +46,156 @@ mod place {
 /// Bytes that the seal's checksum is over.
 const SEALED_LEN: usize = place::SEAL as usize;
 
-/// The flash did not take what was to be done.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FlashFault;
-
-/// The flash that holds the two slots; a board provides it.
+/// NOR flash that is also visible in the address space: what
+/// [`embedded_storage`] has no trait for. Its capacity is that of both slots,
+/// slot A in the lower half; offsets begin there.
+///
+/// The flash must take single words: [`NorFlash::WRITE_SIZE`] divides 4. Each
+/// half must be a whole number of erase units.
 ///
 /// # Contract
-/// Whoever calls [`erase`](Self::erase) or [`program`](Self::program) on a slot
-/// sees to it that nothing uses bytes of that slot borrowed before, a policy
-/// over them least of all. [`super::desk::Desk`] does so: it touches only the
-/// slot whose policy neither runs nor waits for its apex, and keeps no borrow.
-pub trait PolicyFlash {
-    /// Bytes of a slot, a multiple of 4; the same for both.
-    fn slot_len(&self) -> usize;
+/// Whoever erases or writes makes sure that nothing uses bytes of that range
+/// borrowed before, least of all a policy. [`FlashSlots`] under a
+/// [`super::handler::RequestHandler`] does: it changes only the slot whose
+/// policy neither runs nor waits for its apex, and keeps no borrow.
+pub trait MappedFlash: NorFlash {
+    /// Whether the processor stalls during an erase, ticks included.
+    const ERASE_STALLS: bool;
 
-    /// A whole slot as it is now, at a multiple of 4.
-    fn bytes(&self, slot: Slot) -> &'static [u8];
-
-    /// Sets every byte of a slot to 0xff.
-    ///
-    /// # Errors
-    /// [`FlashFault`] when the flash says that it failed.
-    fn erase(&mut self, slot: Slot) -> Result<(), FlashFault>;
-
-    /// Writes a word, little-endian, `offset` bytes (a multiple of 4) from the
-    /// slot's start. Bits need only go from 1 to 0.
-    ///
-    /// # Errors
-    /// [`FlashFault`] when the flash says that it failed, the place is not in
-    /// the slot, or the word does not read back.
-    fn program(&mut self, slot: Slot, offset: u32, word: u32) -> Result<(), FlashFault>;
-
-    /// Whether the processor stands still during an erase, ticks and all.
-    fn erase_stalls(&self) -> bool;
+    /// Returns all of it as it is now, at a multiple of 4.
+    fn mapped(&self) -> &'static [u8];
 }
 
-/// Bytes that a slot has for a blob.
-pub fn room(flash: &impl PolicyFlash) -> usize {
-    flash.slot_len().saturating_sub(SEAL_LEN)
+/// The policy store of a board.
+#[derive(Clone, Debug)]
+pub struct FlashSlots<F> {
+    flash: F,
 }
 
-/// What a seal says.
+impl<F: MappedFlash> FlashSlots<F> {
+    const WORDS: () = assert!(4 % F::WRITE_SIZE == 0, "the flash must take single words");
+
+    /// Keeps policies in this flash.
+    #[must_use]
+    pub fn new(flash: F) -> Self {
+        let () = Self::WORDS;
+        Self { flash }
+    }
+
+    /// Returns the flash.
+    #[must_use]
+    pub fn flash(&self) -> &F {
+        &self.flash
+    }
+
+    /// Returns the length of a slot, bytes.
+    fn slot_len(&self) -> usize {
+        self.flash.capacity() / 2
+    }
+
+    /// Returns the offset of a slot in the flash, bytes.
+    fn start(&self, slot: Slot) -> u32 {
+        match slot {
+            Slot::A => 0,
+            Slot::B => self.slot_len() as u32,
+        }
+    }
+
+    /// Returns a whole slot as it is now.
+    #[must_use]
+    pub fn bytes(&self, slot: Slot) -> &'static [u8] {
+        let (a, b) = self.flash.mapped().split_at_checked(self.slot_len()).unwrap_or_default();
+        match slot {
+            Slot::A => a,
+            Slot::B => b,
+        }
+    }
+
+    /// Programs a word, little-endian, at `offset` bytes from the slot's start,
+    /// and reads it back.
+    #[inline(never)]
+    fn program(&mut self, slot: Slot, offset: u32, word: u32) -> Result<(), StoreError> {
+        let at = self.start(slot) + offset;
+        let word = word.to_le_bytes();
+        let mut found = [0; 4];
+        self.flash.write(at, &word).map_err(|_| StoreError)?;
+        self.flash.read(at, &mut found).map_err(|_| StoreError)?;
+        if found == word { Ok(()) } else { Err(StoreError) }
+    }
+
+    fn program_seal(&mut self, slot: Slot, place: u32, word: u32) -> Result<(), StoreError> {
+        let seal_at = self.capacity() as u32;
+        self.program(slot, seal_at + place, word)
+    }
+}
+
+impl<F: MappedFlash> PolicyStore for FlashSlots<F> {
+    const BEGIN_STALLS: bool = F::ERASE_STALLS;
+    const OVERWRITES: bool = true;
+
+    fn capacity(&self) -> usize {
+        self.slot_len().saturating_sub(SEAL_LEN)
+    }
+
+    fn sequence(&self, slot: Slot) -> u32 {
+        sequence(self.bytes(slot))
+    }
+
+    fn policy<R>(&self, slot: Slot, f: impl FnOnce(&Policy<'static>) -> R) -> Result<R, SlotError> {
+        let (blob, sealed) = blob(self.bytes(slot))?;
+        store::with_policy(blob, sealed, f)
+    }
+
+    /// Erases a slot and marks it as one in which an upload was begun.
+    ///
+    /// The blob that lies there is spoilt first: an erase cut short could leave
+    /// a blank seal behind a whole blob.
+    fn begin(&mut self, slot: Slot, _length: usize, _origin: &str) -> Result<(), StoreError> {
+        self.program(slot, 0, 0)?;
+        let (start, len) = (self.start(slot), self.slot_len() as u32);
+        self.flash.erase(start, start + len).map_err(|_| StoreError)?;
+        if self.bytes(slot).iter().any(|&byte| byte != 0xff) {
+            return Err(StoreError);
+        }
+        self.program_seal(slot, place::OPENED, OPENED)
+    }
+
+    /// Bytes missing in the last word stay erased.
+    fn write(&mut self, slot: Slot, offset: u32, bytes: &[u8]) -> Result<(), StoreError> {
+        if bytes.len().saturating_add(offset as usize) > self.capacity() {
+            return Err(StoreError);
+        }
+        for (index, part) in bytes.chunks(4).enumerate() {
+            let mut word = [0xff; 4];
+            for (to, &from) in word.iter_mut().zip(part) {
+                *to = from;
+            }
+            self.program(slot, offset + 4 * index as u32, u32::from_le_bytes(word))?;
+        }
+        Ok(())
+    }
+
+    fn check(&self, slot: Slot, length: usize) -> Result<u32, BlobError> {
+        store::check(self.bytes(slot).get(..length).unwrap_or_default())
+    }
+
+    /// Seals a slot: from the last word on its policy is the newest.
+    fn commit(&mut self, slot: Slot, length: u32, crc32: u32) -> Result<(), StoreError> {
+        let sequence = self.sequence(slot.other()).saturating_add(1).min(u32::MAX - 1);
+        let words = [OPENED, sequence, length, crc32].map(u32::to_le);
+        let sum = checksum::crc32(bytemuck::bytes_of(&words));
+        self.program_seal(slot, place::SEQUENCE, sequence)?;
+        self.program_seal(slot, place::LENGTH, length)?;
+        self.program_seal(slot, place::CRC32, crc32)?;
+        self.program_seal(slot, place::SEAL, sum)
+    }
+
+    fn revoke(&mut self, slot: Slot) -> Result<(), StoreError> {
+        self.program_seal(slot, place::REVOKED, REVOKED)
+    }
+}
+
+/// The state of a seal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Seal {
     Blank,
@@ -94,7 +206,7 @@ enum Seal {
 }
 
 impl Seal {
-    /// The room for the blob, and the seal behind it.
+    /// Returns the room for the blob, and the seal behind it.
     fn read(slot: &[u8]) -> Option<(&[u8], Self)> {
         let (room, bytes) = slot.split_last_chunk::<SEAL_LEN>()?;
         let mut words = [0_u32; SEAL_LEN / 4];
@@ -113,7 +225,7 @@ impl Seal {
         }
         let is_whole = opened == OPENED && seal == checksum && sequence != u32::MAX;
         let blank = if opened == 0 { 0 } else { u32::MAX };
-        // Any bit: a mark that was half written when the power went.
+        // Any bit: the mark may be half written when the power fails.
         if revoked != blank {
             return Self::Revoked { sequence: if is_whole { sequence } else { 0 } };
         }
@@ -132,147 +244,30 @@ impl Seal {
     }
 }
 
-/// The sequence number in a slot's seal; 0 without one.
-#[must_use]
+/// Returns the sequence number in a slot's seal; 0 without a seal.
 #[inline(never)]
-pub fn sequence(slot: &[u8]) -> u32 {
+fn sequence(slot: &[u8]) -> u32 {
     Seal::read(slot).map_or(0, |(_, seal)| seal.sequence())
 }
 
-/// Calls `f` with the policy in a slot, once it has passed every check. With a
-/// reference: returned, a policy would lie on a target's stack twice.
-///
-/// # Errors
-/// [`SlotFault`] says why there is none to run.
-pub fn policy<'s, R>(slot: &'s [u8], f: impl FnOnce(&Policy<'s>) -> R) -> Result<R, SlotFault> {
-    let (blob, sealed) = blob(slot)?;
-    match &Policy::parse(blob) {
-        Ok(policy) if sealed.is_some_and(|crc32| crc32 != policy.crc32()) => {
-            Err(SlotFault::BadSeal)
-        }
-        Ok(policy) => Ok(f(policy)),
-        Err(error) => Err(SlotFault::Blob(fault(error))),
-    }
-}
-
-/// The bytes of a slot that are to be a blob, and its checksum if it is sealed.
+/// Returns the blob in a slot, unchecked, and its checksum if it is sealed.
 #[inline(never)]
-fn blob(slot: &[u8]) -> Result<(&[u8], Option<u32>), SlotFault> {
-    let (room, seal) = Seal::read(slot).ok_or(SlotFault::Empty)?;
+fn blob(slot: &[u8]) -> Result<(&[u8], Option<u32>), SlotError> {
+    let (room, seal) = Seal::read(slot).ok_or(SlotError::Empty)?;
     let (length, crc32) = match seal {
-        Seal::Opened => return Err(SlotFault::Unfinished),
-        Seal::Broken => return Err(SlotFault::BadSeal),
-        Seal::Revoked { .. } => return Err(SlotFault::RolledBack),
+        Seal::Opened => return Err(SlotError::Unfinished),
+        Seal::Broken => return Err(SlotError::BadSeal),
+        Seal::Revoked { .. } => return Err(SlotError::RolledBack),
         Seal::Whole { length, crc32, .. } => (length as usize, Some(crc32)),
         Seal::Blank => {
             let start = room.get(..MAGIC.len()).unwrap_or_default();
             let all = |blank: u8| start.iter().all(|&byte| byte == blank);
             if all(0xff) || all(0) {
-                return Err(SlotFault::Empty);
+                return Err(SlotError::Empty);
             }
-            // Without a length in it, parsing says what is wrong.
+            // Without a length, parsing reports what is wrong.
             (policy::stated_length(room).unwrap_or(room.len()), None)
         }
     };
     Ok((room.get(..length).unwrap_or(room), crc32))
-}
-
-/// Checks a blob that is not sealed yet; returns its checksum.
-///
-/// # Errors
-/// [`BlobFault`] says what is wrong with it.
-#[inline(never)]
-pub fn check(blob: &[u8]) -> Result<u32, BlobFault> {
-    match &Policy::parse(blob) {
-        Ok(policy) => Ok(policy.crc32()),
-        Err(error) => Err(fault(error)),
-    }
-}
-
-/// Once in an image.
-#[inline(never)]
-fn fault(error: &ParseError) -> BlobFault {
-    (*error).into()
-}
-
-/// The slot whose seal has the highest sequence, A if they are the same: its
-/// policy is the one to run after power-up, if it passes every check.
-pub fn newest(flash: &impl PolicyFlash) -> Slot {
-    let [a, b] = Slot::ALL.map(|slot| sequence(flash.bytes(slot)));
-    if b > a { Slot::B } else { Slot::A }
-}
-
-/// Erases a slot and marks it as one that an upload was begun in.
-///
-/// The blob that lies there is spoilt first: an erase cut short could leave a
-/// blank seal behind a blob that is whole.
-///
-/// # Errors
-/// [`FlashFault`] of the flash.
-pub fn open(flash: &mut impl PolicyFlash, slot: Slot) -> Result<(), FlashFault> {
-    flash.program(slot, 0, 0)?;
-    flash.erase(slot)?;
-    program_seal(flash, slot, place::OPENED, OPENED)
-}
-
-/// Writes a part of the blob, `offset` bytes (a multiple of 4) from its start;
-/// what is missing in the last word is left erased.
-///
-/// # Errors
-/// [`FlashFault`] of the flash, or when the part reaches into the seal.
-pub fn write(
-    flash: &mut impl PolicyFlash,
-    slot: Slot,
-    offset: u32,
-    bytes: &[u8],
-) -> Result<(), FlashFault> {
-    if bytes.len().saturating_add(offset as usize) > room(flash) {
-        return Err(FlashFault);
-    }
-    for (index, part) in bytes.chunks(4).enumerate() {
-        let mut word = [0xff; 4];
-        for (to, &from) in word.iter_mut().zip(part) {
-            *to = from;
-        }
-        flash.program(slot, offset + 4 * index as u32, u32::from_le_bytes(word))?;
-    }
-    Ok(())
-}
-
-/// Seals a slot whose blob is whole: from the last word on it is the newest.
-///
-/// # Errors
-/// [`FlashFault`] of the flash.
-pub fn seal(
-    flash: &mut impl PolicyFlash,
-    slot: Slot,
-    length: u32,
-    crc32: u32,
-) -> Result<(), FlashFault> {
-    let sequence = sequence(flash.bytes(slot.other())).saturating_add(1).min(u32::MAX - 1);
-    let words = [OPENED, sequence, length, crc32].map(u32::to_le);
-    let sum = checksum::crc32(bytemuck::bytes_of(&words));
-    program_seal(flash, slot, place::SEQUENCE, sequence)?;
-    program_seal(flash, slot, place::LENGTH, length)?;
-    program_seal(flash, slot, place::CRC32, crc32)?;
-    program_seal(flash, slot, place::SEAL, sum)
-}
-
-/// Rolls a slot back: it is never chosen again.
-///
-/// # Errors
-/// [`FlashFault`] of the flash.
-pub fn revoke(flash: &mut impl PolicyFlash, slot: Slot) -> Result<(), FlashFault> {
-    program_seal(flash, slot, place::REVOKED, REVOKED)
-}
-
-#[inline(never)]
-fn program_seal(
-    flash: &mut impl PolicyFlash,
-    slot: Slot,
-    place: u32,
-    word: u32,
-) -> Result<(), FlashFault> {
-    let seal_at = room(flash) as u32;
-    flash.program(slot, seal_at + place, word)
 }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use leg_control::serial::message::{Alarm, Mode, Reply, Request};
 use leg_control::wire::{Command, Sample, flags};
 use leg_host::serial::client::REQUEST_PATIENCE;
-use leg_host::serial::{ClientError, Heard, Who};
+use leg_host::serial::{ClientError, DeviceIdentity, Heard};
 use leg_host::serve::ServeError;
 use leg_host::shm::ShmController;
 use leg_host::{Link, LinkError};
@@ -31,7 +31,7 @@ const CHECK_EVERY: u32 = 256;
 /// A sample on its way.
 #[derive(Clone, Copy, Debug)]
 struct Asking {
-    turn: u32,
+    seq: u32,
     sample: Sample,
     /// When it came from the simulator.
     came: Instant,
@@ -39,7 +39,7 @@ struct Asking {
     sending: Duration,
 }
 
-/// Whose request the line is busy with.
+/// DeviceIdentityse request the line is busy with.
 #[derive(Debug)]
 enum Errand {
     /// Ours: is the controller in our run?
@@ -54,7 +54,7 @@ pub(super) struct Forwarder {
     share: Option<Share>,
     mode: Mode,
     timeout: Duration,
-    turn: u32,
+    seq: u32,
     asking: Option<Asking>,
     /// A safe command that waits for the check.
     held: Option<Command>,
@@ -77,7 +77,7 @@ impl Forwarder {
             share,
             mode,
             timeout,
-            turn: 0,
+            seq: 0,
             asking: None,
             held: None,
             safe_in_a_row: 0,
@@ -164,10 +164,10 @@ impl Forwarder {
         if self.asking.is_none() {
             self.last_life = came;
         }
-        self.turn = self.turn.wrapping_add(1);
-        let (turn, sample) = (self.turn, *sample);
-        self.target.client.post_sample(turn, &sample);
-        self.asking = Some(Asking { turn, sample, came, sending: came.elapsed() });
+        self.seq = self.seq.wrapping_add(1);
+        let (seq, sample) = (self.seq, *sample);
+        self.target.client.post_sample(seq, &sample);
+        self.asking = Some(Asking { seq, sample, came, sending: came.elapsed() });
     }
 
     /// One look at the line, and what comes of it.
@@ -191,9 +191,9 @@ impl Forwarder {
             Noted::Reset => {
                 self.target.begin_again(|| link.check_peer())?;
                 // Under a new number: a late answer of before is not one to this.
-                self.turn = self.turn.wrapping_add(1);
+                self.seq = self.seq.wrapping_add(1);
                 if let Some(asking) = &mut self.asking {
-                    asking.turn = self.turn;
+                    asking.seq = self.seq;
                 }
                 self.ask_again();
                 Ok(())
@@ -287,7 +287,7 @@ impl Forwarder {
                 Noted::Other
             }
             (Some(Errand::Check), Some(Reply::Identity(identity))) => {
-                let who = Who::from(&identity);
+                let who = DeviceIdentity::from(&identity);
                 match self.held.take() {
                     _ if !self.target.is_in_our_run(&who) => Noted::Reset,
                     Some(command) => Noted::Command(command),
@@ -326,11 +326,11 @@ impl Forwarder {
         Ok(())
     }
 
-    /// The same turn again: a controller that has answered it gives the same answer.
+    /// The same seq again: a controller that has answered it gives the same answer.
     fn ask_again(&mut self) {
         (self.held, self.safe_in_a_row) = (None, 0);
-        if let Some(Asking { turn, sample, .. }) = self.asking {
-            self.target.client.post_sample(turn, &sample);
+        if let Some(Asking { seq, sample, .. }) = self.asking {
+            self.target.client.post_sample(seq, &sample);
         }
     }
 
@@ -354,7 +354,7 @@ impl Forwarder {
             board: self.target.who.board.clone(),
             firmware: self.target.who.firmware.clone(),
             policy: self.target.who.policy.as_ref().map(|policy| policy.name.clone()),
-            mode: leg_host::serial::commands::mode_name(self.mode),
+            mode: self.mode.to_string(),
             ticks: self.ticks,
             ticks_per_s: self.ticks as f64 / wall.as_secs_f64(),
             round_trip_us: self.times.round_trips_us(),

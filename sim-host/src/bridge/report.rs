@@ -3,7 +3,7 @@
 use std::fmt;
 use std::time::Duration;
 
-use leg_control::serial::message::{LineCounts, Statistics};
+use leg_control::serial::message::{DeviceCounts, LineCounts, RunCounts};
 use leg_host::serial::Counts;
 use serde::Serialize;
 
@@ -42,7 +42,7 @@ pub struct Report {
     /// The policy that ran at the end.
     pub policy: Option<String>,
     /// How ticks came about.
-    pub mode: &'static str,
+    pub mode: String,
     /// Samples answered.
     pub ticks: u64,
     /// Of them in a second of real time.
@@ -66,7 +66,20 @@ pub struct Report {
     pub shared_requests: u64,
     /// The controller's own figures; of the line, what came to it in this run,
     /// or since its last reboot.
-    pub controller: Statistics,
+    pub controller: ControllerCounts,
+}
+
+/// The controller's own counters.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct ControllerCounts {
+    /// Frames that it received.
+    pub line: LineCounts,
+    /// Its ticks.
+    #[serde(flatten)]
+    pub run: RunCounts,
+    /// Its device.
+    #[serde(flatten)]
+    pub device: DeviceCounts,
 }
 
 impl fmt::Display for Report {
@@ -74,6 +87,7 @@ impl fmt::Display for Report {
         let policy = self.policy.as_deref().unwrap_or("none");
         let (us, own) = (self.round_trip_us, self.own_share_us);
         let (sent, here, there) = (self.sent, self.received, self.controller);
+        let run = there.run;
         let damaged =
             |line: LineCounts| line.malformed + line.oversize + line.version + line.unknown;
         writeln!(
@@ -96,7 +110,7 @@ impl fmt::Display for Report {
             ("CRC errors", there.line.crc_errors.into(), Some(here.crc_errors)),
             ("other damage", damaged(there.line).into(), Some(damaged(here))),
             ("resyncs", there.line.resyncs.into(), Some(here.resyncs)),
-            ("bytes lost", there.lost_bytes.into(), None),
+            ("bytes lost", there.device.lost_bytes.into(), None),
         ] {
             let to_host = to_host.map_or_else(|| "-".into(), |count| count.to_string());
             writeln!(f, "{name:<13} {to_controller:>16} {to_host:>10}")?;
@@ -107,7 +121,7 @@ impl fmt::Display for Report {
              alarms {}",
             sent.sample_retries,
             sent.request_retries,
-            there.repeated,
+            there.run.repeated,
             self.reconnects,
             self.reboots,
             self.alarms
@@ -115,10 +129,14 @@ impl fmt::Display for Report {
         writeln!(
             f,
             "controller: {} ticks, {} missed, {} overwritten, {} overruns; {} policies swapped in",
-            there.ticks, there.missed, there.overwritten, there.overruns, there.swaps
+            run.ticks, run.missed, run.overwritten, run.overruns, run.swaps
         )?;
-        if there.stack_size > 0 {
-            write!(f, "deepest stack: {} of {} bytes; ", there.stack_used, there.stack_size)?;
+        if there.device.stack_size > 0 {
+            write!(
+                f,
+                "deepest stack: {} of {} bytes; ",
+                there.device.stack_used, there.device.stack_size
+            )?;
         }
         write!(f, "others' requests passed on: {}", self.shared_requests)
     }

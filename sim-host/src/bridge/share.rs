@@ -16,7 +16,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use leg_control::serial::frame::{self, MAX_FRAME, Receiver};
-use leg_control::serial::message::{Refusal, Reply, Request, ToController, ToHost};
+use leg_control::serial::message::{Reply, Request, RequestError, ToController, ToHost};
 use leg_host::socket::{SocketError, SocketFile};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
@@ -198,7 +198,7 @@ impl Connection {
                 && self.caller.is_new(id)
             {
                 if matches!(request, Request::Reset { .. } | Request::SetMode(_)) {
-                    self.caller.answer(id, Reply::Refused(Refusal::InSession));
+                    self.caller.answer(id, Reply::Refused(RequestError::InSession));
                     continue;
                 }
                 let (caller, payload) = (self.caller.clone(), payload.to_vec());

@@ -3,14 +3,15 @@
 use std::fmt;
 use std::time::{Duration, Instant};
 
-use leg_control::serial::message::{Alarm, Mode, Request, Statistics};
+use leg_control::serial::message::{Alarm, Mode, Request, Status};
 use leg_control::wire::WIRE_VERSION;
 use leg_host::LinkError;
 use leg_host::serial::client::{ClientError, HELLO_PATIENCE, random_u32};
-use leg_host::serial::{ByteStream, Client, OpenError, Who, faults};
+use leg_host::serial::{ByteStream, Client, DeviceIdentity, OpenError};
 use leg_process::Stop;
 
 use super::BridgeError;
+use super::report::ControllerCounts;
 
 /// Between two tries to open the line again: the first, and the longest.
 const BACK_OFF: Duration = Duration::from_millis(10);
@@ -75,7 +76,7 @@ impl fmt::Display for Notice {
                 "warning: the controller was reset in the middle of the run; it goes on from its \
                  safe state, without what it had learnt",
             ),
-            Self::Alarm(alarm) => write!(f, "warning: the controller: {}", faults::alarm(alarm)),
+            Self::Alarm(alarm) => write!(f, "warning: the controller: {}", alarm),
             Self::NoPolicy => f.write_str(
                 "warning: the controller has no policy and answers by the safe command; bring one \
                  by `controller policy upload`",
@@ -89,17 +90,17 @@ impl fmt::Display for Notice {
     }
 }
 
-/// Who hears the notices.
+/// DeviceIdentity hears the notices.
 pub type Tell = Box<dyn FnMut(&Notice)>;
 
 /// The controller, and how to reach it.
 pub(super) struct Target {
     pub(super) client: Client,
-    pub(super) who: Who,
+    pub(super) who: DeviceIdentity,
     pub(super) reconnects: u64,
     pub(super) reboots: u64,
     /// Of the line when the run began, or the controller began anew.
-    base: Statistics,
+    base: ControllerCounts,
     dial: Dial,
     tell: Tell,
     terms: RunTerms,
@@ -121,7 +122,7 @@ impl Target {
     ) -> Result<Self, BridgeError> {
         let mut client = Client::new(dial()?, stop);
         let who = client.identify(HELLO_PATIENCE)?;
-        let base = Statistics::default();
+        let base = ControllerCounts::default();
         let (reconnects, reboots) = (0, 0);
         let mut target = Self {
             client,
@@ -162,12 +163,17 @@ impl Target {
         let RunTerms { rate_hz, gravity_m_s2, mode } = self.terms;
         let session = self.session;
         self.client.have_done(&Request::Reset { session, rate_hz, gravity_m_s2 })?;
-        self.base = self.client.statistics()?;
+        self.base = self.counts()?;
         self.client.have_done(&Request::SetMode(mode))
     }
 
+    fn counts(&mut self) -> Result<ControllerCounts, ClientError> {
+        let Status { run, line, device } = self.client.status()?;
+        Ok(ControllerCounts { line, run: run.counts, device })
+    }
+
     /// Whether `who` is in our run.
-    pub(super) fn is_in_our_run(&self, who: &Who) -> bool {
+    pub(super) fn is_in_our_run(&self, who: &DeviceIdentity) -> bool {
         who.session == Some(self.session) && who.mode == self.terms.mode
     }
 
@@ -246,8 +252,8 @@ impl Target {
 
     /// The controller's own figures, of this run, and who it is by now; then it
     /// stands idle.
-    pub(super) fn finish(&mut self) -> Result<Statistics, ClientError> {
-        let mut figures = self.client.statistics()?;
+    pub(super) fn finish(&mut self) -> Result<ControllerCounts, ClientError> {
+        let mut figures = self.counts()?;
         self.who = self.client.identify(HELLO_PATIENCE)?;
         self.client.have_done(&Request::SetMode(Mode::Idle))?;
         // Those of the line and the board count from power-up.
@@ -260,8 +266,8 @@ impl Target {
             (&mut figures.line.version, base.line.version),
             (&mut figures.line.unknown, base.line.unknown),
             (&mut figures.line.resyncs, base.line.resyncs),
-            (&mut figures.unsent, base.unsent),
-            (&mut figures.lost_bytes, base.lost_bytes),
+            (&mut figures.device.unsent, base.device.unsent),
+            (&mut figures.device.lost_bytes, base.device.lost_bytes),
         ] {
             *count = count.saturating_sub(before);
         }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use harness::board::{BOARDS, Image};
 use harness::emulator::Emulator;
-use leg_control::serial::message::{Mode, Request, Statistics};
+use leg_control::serial::message::{Mode, Request, Status};
 use leg_control::wire::{Command, Sample};
 use leg_host::serial::client::{Client, HELLO_PATIENCE, Heard};
 use leg_host::serial::stream::{ByteStream, Endpoint};
@@ -54,7 +54,7 @@ pub(crate) fn skips() -> bool {
 pub(crate) struct Flashed {
     pub(crate) client: Client,
     pub(crate) emulator: Emulator,
-    turn: u32,
+    seq: u32,
     _folder: TempDir,
 }
 
@@ -75,7 +75,7 @@ impl Flashed {
         let endpoint = Endpoint::Unix(emulator.uart().to_owned());
         let stream = line(endpoint.open().expect("the UART's socket"));
         let client = Client::new(stream, &Stop::default());
-        let mut flashed = Self { client, emulator, turn: 0, _folder: folder };
+        let mut flashed = Self { client, emulator, seq: 0, _folder: folder };
         flashed.client.identify(HELLO_PATIENCE).expect("it answers");
         flashed
     }
@@ -94,8 +94,8 @@ impl Flashed {
 
     /// The command for a sample: a tick, in lock-step.
     pub(crate) fn command(&mut self, sample: &Sample) -> Command {
-        self.turn += 1;
-        self.client.post_sample(self.turn, sample);
+        self.seq += 1;
+        self.client.post_sample(self.seq, sample);
         self.await_command()
     }
 
@@ -104,17 +104,17 @@ impl Flashed {
         let begun = Instant::now();
         while begun.elapsed() < PATIENCE {
             match self.client.listen(PATIENCE).expect("the line") {
-                Heard::Command { turn, command, .. } if turn == self.turn => return command,
+                Heard::Command { seq, command, .. } if seq == self.seq => return command,
                 Heard::Alarm(alarm) => panic!("{alarm:?}"),
                 // Or an answer given twice.
                 Heard::Nothing | Heard::Reply | Heard::Command { .. } => (),
             }
         }
-        panic!("no command for turn {} in {PATIENCE:?}", self.turn);
+        panic!("no command for number {} in {PATIENCE:?}", self.seq);
     }
 
-    pub(crate) fn statistics(&mut self) -> Statistics {
-        self.client.statistics().expect("statistics")
+    pub(crate) fn status(&mut self) -> Status {
+        self.client.status().expect("a status")
     }
 }
 

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use leg_control::policy::SHIPPED;
-use leg_control::serial::message::{Alarm, BlobFault, Crash, Mode, SlotFault};
+use leg_control::serial::message::{Alarm, BlobError, Crash, Mode, SlotError};
 use leg_control::wire::{Header, Sample, WIRE_VERSION, flags};
 use leg_host::serial::client::Heard;
 
@@ -32,12 +32,12 @@ fn without_a_policy_the_leg_stays_safe_and_it_says_why() {
     bytes[9_000] ^= 4;
     std::fs::write(&damaged, bytes).unwrap();
     for (policy, fault) in
-        [(None, SlotFault::Empty), (Some(&damaged), SlotFault::Blob(BlobFault::Crc))]
+        [(None, SlotError::Empty), (Some(&damaged), SlotError::Blob(BlobError::Crc))]
     {
         let mut flashed = Flashed::start(policy.map(std::path::PathBuf::as_path));
         assert_eq!(flashed.client.identify(Duration::from_secs(5)).unwrap().policy, None);
         let [a, b] = flashed.client.slots().unwrap();
-        assert_eq!((a.content, b.content), (Err(fault), Err(SlotFault::Empty)));
+        assert_eq!((a.content, b.content), (Err(fault), Err(SlotError::Empty)));
         flashed.reset(Mode::LockStep);
         for seq in 0..20 {
             let command = flashed.command(&sample(seq));
@@ -60,19 +60,19 @@ fn crash_of(session: u32) -> (Crash, i32) {
         seq += 1;
         // Once it has ended nobody takes the sample, but the alarm is still to be read.
         flashed.client.post_sample(seq as u32, &sample(seq));
-        while last.is_none_or(|(turn, _)| u64::from(turn) != seq) {
+        while last.is_none_or(|(answered, _)| u64::from(answered) != seq) {
             assert!(begun.elapsed() < Duration::from_secs(30), "no crash in {seq} ticks");
             match flashed.client.listen(Duration::from_millis(100)) {
                 Ok(Heard::Alarm(Alarm::Crash(crash))) => break 'crash crash,
-                Ok(Heard::Command { turn, command, .. }) => last = Some((turn, command)),
+                Ok(Heard::Command { seq, command, .. }) => last = Some((seq, command)),
                 Ok(_) => (),
                 Err(error) => panic!("the line ended before the alarm: {error}"),
             }
         }
     };
-    let (turn, command) = last.expect("a command");
+    let (seq, command) = last.expect("a command");
     assert_ne!(command.header.flags & flags::SAFE, 0, "{command:?}");
-    assert_eq!((turn, command.header.seq, command.header.run_id), (300, 300, 3));
+    assert_eq!((seq, command.header.seq, command.header.run_id), (300, 300, 3));
     assert_eq!(command.header.t_ns, sample(300).header.t_ns);
     let status = loop {
         assert!(begun.elapsed() < Duration::from_secs(20), "the emulator has not ended");

@@ -107,7 +107,7 @@ impl<'f> Twins<'f> {
         }
         self.current = 1 - self.current;
         let blob = self.policies[self.current];
-        upload(&mut self.flashed.client, &policy(blob), blob, Duration::ZERO, |_| ()).unwrap();
+        upload(&mut self.flashed.client, &policy(blob), blob, "", Duration::ZERO, |_| ()).unwrap();
         self.host.swap(policy(blob));
         self.did.swaps += 1;
     }
@@ -182,7 +182,7 @@ fn host_and_firmware_give_the_same_commands_bit_for_bit() {
         twins.did.apexes += outcome.apexes;
     }
     let did = twins.did;
-    println!("{run} runs, {did:?}\n{:?}", flashed.statistics());
+    println!("{run} runs, {did:?}\n{:?}", flashed.status());
     assert!(did.bad > wanted / 100, "{did:?}");
     assert!(did.apexes >= wanted / 2_000, "it hops: {did:?}");
     assert!(did.resets >= 1 && did.swaps >= 1 && did.set_points >= 1, "{did:?}");

@@ -64,17 +64,20 @@ fn no_message_is_lost_on_a_good_line() {
     let outcome = lock_step::run(&scenario, &mut link, Options::default(), |_| ()).unwrap();
     assert_eq!(outcome.state_hash, hash_here(&scenario));
 
-    let there = flashed.statistics();
+    let there = flashed.status();
     let here = *flashed.client.counts();
     println!("{} ticks; there {there:?}; here {here:?}", outcome.ticks);
     // The run, and its farewell.
     assert_eq!(here.commands - before, outcome.ticks + 1);
-    assert_eq!(u64::from(there.ticks), outcome.ticks + 1);
-    assert_eq!((there.lost_bytes, there.unsent), (0, 0));
+    assert_eq!(there.run.counts.ticks, outcome.ticks + 1);
+    assert_eq!((there.device.lost_bytes, there.device.unsent), (0, 0));
     let bad = there.line.crc_errors + there.line.oversize + there.line.version + there.line.unknown;
     // The first byte on the line may be a stray one.
     assert!(bad == 0 && there.line.malformed <= 1, "{:?}", there.line);
-    assert!(there.stack_used > 0 && there.stack_used < there.stack_size, "{there:?}");
+    assert!(
+        there.device.stack_used > 0 && there.device.stack_used < there.device.stack_size,
+        "{there:?}"
+    );
 }
 
 #[test]
@@ -91,12 +94,12 @@ fn of_one_damaged_byte_in_a_hundred_nothing_false_is_taken() {
     let outcome = lock_step::run(&scenario, &mut link, Options::default(), |_| ()).unwrap();
     assert_eq!(outcome.state_hash, hash_here(&scenario), "a false command was taken");
 
-    let there = flashed.statistics();
+    let there = flashed.status();
     let (here, line) = (*flashed.client.counts(), *flashed.client.line_counts());
     println!("{} ticks; there {there:?}; here {here:?}, {line:?}", outcome.ticks);
     // Each tick once, however often it was said.
-    assert_eq!(u64::from(there.ticks), outcome.ticks + 1);
-    assert!(there.repeated > 0 && here.sample_retries > 0);
+    assert_eq!(there.run.counts.ticks, outcome.ticks + 1);
+    assert!(there.run.counts.repeated > 0 && here.sample_retries > 0);
     assert!(there.line.crc_errors > 0 && line.crc_errors > 0);
     assert!(there.line.resyncs > 0 && line.resyncs > 0);
     // What was said here came as a good frame or as a bad one, or was split by

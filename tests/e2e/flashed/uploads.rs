@@ -2,7 +2,7 @@
 //! hops on meanwhile.
 
 use leg_control::policy::{Policy, SHIPPED};
-use leg_control::serial::message::{MAX_CHUNK, Mode, Refusal, Reply, Request};
+use leg_control::serial::message::{MAX_CHUNK, Mode, Reply, Request, RequestError};
 use leg_control::wire::{Command, Sample};
 use leg_host::serial::client::{Client, ClientError, Heard};
 use leg_host::{Link, LinkError};
@@ -24,7 +24,7 @@ fn crc32(blob: &[u8]) -> u32 {
 }
 
 fn begin(client: &mut Client, blob: &[u8]) -> Result<(), ClientError> {
-    client.have_done(&Request::Begin { length: blob.len() as u32, crc32: crc32(blob) })
+    client.have_done(&Request::Begin { length: blob.len() as u32, crc32: crc32(blob), origin: "" })
 }
 
 fn chunks(blob: &[u8]) -> impl Iterator<Item = Request<'_>> {
@@ -52,7 +52,7 @@ fn an_upload_cut_at_any_chunk_leaves_the_policy_running() {
         for request in [Request::Verify, Request::Commit] {
             let refused = flashed.client.have_done(&request);
             assert!(
-                matches!(refused, Err(ClientError::Refused(Refusal::Incomplete { .. }))),
+                matches!(refused, Err(ClientError::Refused(RequestError::Incomplete { .. }))),
                 "cut at {cut}: {refused:?}"
             );
         }
@@ -71,7 +71,7 @@ fn an_upload_with_any_byte_flipped_leaves_the_policy_running() {
     for at in (0..sibling().len()).step_by(step) {
         let mut blob = sibling().to_vec();
         blob[at] ^= 1 << (at % 8);
-        let announced = Request::Begin { length: blob.len() as u32, crc32: crc32(sibling()) };
+        let announced = Request::Begin { length: blob.len() as u32, crc32: crc32(sibling()), origin: "" };
         flashed.client.have_done(&announced).unwrap();
         for chunk in chunks(&blob) {
             flashed.client.have_done(&chunk).unwrap();
@@ -79,7 +79,7 @@ fn an_upload_with_any_byte_flipped_leaves_the_policy_running() {
         for request in [Request::Verify, Request::Commit] {
             let refused = flashed.client.have_done(&request);
             assert!(
-                matches!(refused, Err(ClientError::Refused(Refusal::Blob(_)))),
+                matches!(refused, Err(ClientError::Refused(RequestError::Blob(_)))),
                 "byte {at}: {refused:?}"
             );
         }
@@ -96,7 +96,7 @@ struct Uploading<'f> {
     uploads: u32,
     waits: bool,
     reply: Option<Command>,
-    turn: u32,
+    seq: u32,
 }
 
 impl Uploading<'_> {
@@ -104,7 +104,7 @@ impl Uploading<'_> {
         if self.script.is_empty() {
             self.uploads += 1;
             let blob = self.blobs[self.uploads as usize % 2];
-            let mut script = vec![Request::Begin { length: blob.len() as u32, crc32: crc32(blob) }];
+            let mut script = vec![Request::Begin { length: blob.len() as u32, crc32: crc32(blob), origin: "" }];
             script.extend(chunks(blob));
             script.extend([Request::Verify, Request::Commit]);
             script.reverse();
@@ -120,7 +120,7 @@ impl Uploading<'_> {
         match self.flashed.client.reply().expect("a reply") {
             Reply::Done => drop(self.script.pop()),
             // The last one has not come to an apex yet: ask again.
-            Reply::Refused(Refusal::SwapPending) => (),
+            Reply::Refused(RequestError::SwapPending) => (),
             other => panic!("{other:?} to {:?}", self.script.last()),
         }
     }
@@ -134,11 +134,11 @@ impl Link for Uploading<'_> {
         if !self.waits {
             self.next_request();
         }
-        self.turn += 1;
-        self.flashed.client.post_sample(self.turn, sample);
+        self.seq += 1;
+        self.flashed.client.post_sample(self.seq, sample);
         self.reply = loop {
             match self.flashed.client.listen(Duration::from_secs(10)).expect("the line") {
-                Heard::Command { turn, command, .. } if turn == self.turn => break Some(command),
+                Heard::Command { seq, command, .. } if seq == self.seq => break Some(command),
                 Heard::Reply => self.heard_reply(),
                 Heard::Nothing | Heard::Command { .. } => (),
                 Heard::Alarm(alarm) => panic!("{alarm:?}"),
@@ -175,16 +175,19 @@ fn policies_are_swapped_under_a_hopping_leg() {
         uploads: 0,
         waits: false,
         reply: None,
-        turn: 0,
+        seq: 0,
     };
     let outcome = lock_step::run(&scenario, &mut link, Options::default(), |_| ()).unwrap();
     let uploads = link.uploads;
-    let there = flashed.statistics();
+    let there = flashed.status();
     println!("{uploads} uploads, {} hops in {} ticks; {there:?}", outcome.apexes, outcome.ticks);
     assert_eq!(outcome.ending, Ending::Duration, "the leg fell");
     assert_eq!(outcome.ticks, scenario.ticks());
-    assert_eq!(u64::from(there.ticks), outcome.ticks + 1, "a tick was missed");
-    assert!(uploads >= wanted && there.swaps >= wanted - 1, "{uploads} uploads, {there:?}");
+    assert_eq!(there.run.counts.ticks, outcome.ticks + 1, "a tick was missed");
+    assert!(
+        uploads >= wanted && there.run.counts.swaps >= wanted - 1,
+        "{uploads} uploads, {there:?}"
+    );
     // Under the safe command only until the first apex.
     let start = scenario.ticks() / 10;
     assert!(outcome.safe_ticks < start, "{} safe ticks", outcome.safe_ticks);

@@ -11,7 +11,8 @@ pub(crate) use mps2::Mps2 as Selected;
 #[cfg(feature = "stm32f405")]
 pub(crate) use stm32f405::Stm32f405 as Selected;
 
-use leg_control::serial::slots::FlashFault;
+use crate::slots::FlashError;
+
 
 /// A board: clocks, a UART, a tick, and an end.
 ///
@@ -50,13 +51,13 @@ pub(crate) trait FlashChip {
     ///
     /// # Safety
     /// `start` is the start of a slot, `words` its length, and nothing borrows it.
-    unsafe fn erase(start: *mut u32, words: usize) -> Result<(), FlashFault>;
+    unsafe fn erase(start: *mut u32, words: usize) -> Result<(), FlashError>;
 
     /// Programs a word.
     ///
     /// # Safety
     /// `place` is a word of a slot that nothing borrows.
-    unsafe fn program(place: *mut u32, word: u32) -> Result<(), FlashFault>;
+    unsafe fn program(place: *mut u32, word: u32) -> Result<(), FlashError>;
 }
 
 /// Runs `SysTick` from the core's clock at this rate, Hz; 0 stops it.

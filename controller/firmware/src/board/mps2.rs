@@ -4,14 +4,14 @@
 //! Registers: Arm DUI 0479C, "Cortex-M System Design Kit", APB UART.
 #![allow(unsafe_code)]
 
-use leg_control::serial::slots::FlashFault;
 use cortex_m::interrupt::InterruptNumber;
 use cortex_m::peripheral::NVIC;
 use cortex_m::peripheral::scb::SystemHandler;
 
 use super::{Board, FlashChip, core_peripherals, run_systick};
 use crate::line;
-use crate::pilot::{TICK_PRIORITY, UART_PRIORITY};
+use crate::node::{TICK_PRIORITY, UART_PRIORITY};
+use crate::slots::FlashError;
 
 const CORE_HZ: u32 = 25_000_000;
 
@@ -110,7 +110,7 @@ impl Board for Mps2 {
 
     fn power_up() {
         let mut core = core_peripherals();
-        // SAFETY: the ceiling of the pilot is the tick's priority, and the UART
+        // SAFETY: the ceiling of the node is the tick's priority, and the UART
         // is above it; no lock relies on anything else.
         unsafe {
             core.SCB.set_priority(SystemHandler::SysTick, TICK_PRIORITY);
@@ -152,7 +152,7 @@ impl Board for Mps2 {
 impl FlashChip for Mps2 {
     const ERASE_STALLS: bool = false;
 
-    unsafe fn erase(start: *mut u32, words: usize) -> Result<(), FlashFault> {
+    unsafe fn erase(start: *mut u32, words: usize) -> Result<(), FlashError> {
         for index in 0..words {
             // SAFETY: a word of the slot; RAM on these boards.
             unsafe { start.add(index).write_volatile(u32::MAX) };
@@ -160,7 +160,7 @@ impl FlashChip for Mps2 {
         Ok(())
     }
 
-    unsafe fn program(place: *mut u32, word: u32) -> Result<(), FlashFault> {
+    unsafe fn program(place: *mut u32, word: u32) -> Result<(), FlashError> {
         // As flash does it: bits only go from 1 to 0.
         // SAFETY: a word of the slot; RAM on these boards.
         unsafe { place.write_volatile(place.read_volatile() & word) };

@@ -7,14 +7,14 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use leg_control::serial::slots::FlashFault;
 use cortex_m::peripheral::NVIC;
 use cortex_m::peripheral::scb::SystemHandler;
 use stm32f4::stm32f405::{FLASH, Interrupt, Peripherals, RCC, USART1, interrupt};
 
 use super::{Board, FlashChip, core_peripherals, run_systick};
 use crate::line;
-use crate::pilot::{TICK_PRIORITY, UART_PRIORITY};
+use crate::node::{TICK_PRIORITY, UART_PRIORITY};
+use crate::slots::FlashError;
 
 /// Bits a second. The usual USB adapters do it, and a sample and its command
 /// take less than a millisecond.
@@ -163,7 +163,7 @@ impl Board for Stm32f405 {
         });
 
         let mut core = core_peripherals();
-        // SAFETY: the ceiling of the pilot is the tick's priority, and the UART
+        // SAFETY: the ceiling of the node is the tick's priority, and the UART
         // is above it; no lock relies on anything else.
         unsafe {
             core.SCB.set_priority(SystemHandler::SysTick, TICK_PRIORITY);
@@ -225,11 +225,11 @@ fn USART1() {
 /// Does something with the flash unlocked, and waits for its end. Option bytes,
 /// and with them the write protection, are left alone: a protected sector is a
 /// fault.
-fn with_flash(act: impl FnOnce(&FLASH)) -> Result<(), FlashFault> {
+fn with_flash(act: impl FnOnce(&FLASH)) -> Result<(), FlashError> {
     // SAFETY: only the main loop uses it, through the slots, one call at a time.
     let flash = unsafe { FLASH::steal() };
     if !comes(FLASH_PATIENCE, || flash.sr().read().bsy().bit_is_clear()) {
-        return Err(FlashFault);
+        return Err(FlashError);
     }
     if flash.cr().read().lock().is_locked() {
         for key in KEYS {
@@ -237,7 +237,7 @@ fn with_flash(act: impl FnOnce(&FLASH)) -> Result<(), FlashFault> {
             flash.keyr().write(|w| unsafe { w.key().bits(key) });
         }
         if flash.cr().read().lock().is_locked() {
-            return Err(FlashFault);
+            return Err(FlashError);
         }
     }
     // What failed before is cleared by writing ones.
@@ -254,18 +254,18 @@ fn with_flash(act: impl FnOnce(&FLASH)) -> Result<(), FlashFault> {
         || status.pgaerr().bit()
         || status.pgperr().bit()
         || status.pgserr().bit();
-    if is_done && !is_wrong { Ok(()) } else { Err(FlashFault) }
+    if is_done && !is_wrong { Ok(()) } else { Err(FlashError) }
 }
 
 impl FlashChip for Stm32f405 {
     /// All of the flash is one bank: code cannot be read meanwhile.
     const ERASE_STALLS: bool = true;
 
-    unsafe fn erase(start: *mut u32, _words: usize) -> Result<(), FlashFault> {
+    unsafe fn erase(start: *mut u32, _words: usize) -> Result<(), FlashError> {
         let sector = start.addr().wrapping_sub(FLASH_START) / SECTOR_LEN;
         // Only the two sectors of the slots.
         if !(2..4).contains(&sector) {
-            return Err(FlashFault);
+            return Err(FlashError);
         }
         let result = with_flash(|flash| {
             // SAFETY: a sector that exists.
@@ -280,7 +280,7 @@ impl FlashChip for Stm32f405 {
         result
     }
 
-    unsafe fn program(place: *mut u32, word: u32) -> Result<(), FlashFault> {
+    unsafe fn program(place: *mut u32, word: u32) -> Result<(), FlashError> {
         with_flash(|flash| {
             // 32 bits at once, which 2.7 V and more allow.
             flash.cr().write(|w| w.psize().psize32().pg().set_bit());

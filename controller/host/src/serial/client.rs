@@ -9,15 +9,14 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
-use super::faults;
-use super::identity::Who;
+use super::identity::DeviceIdentity;
 use super::line::{Came, Line, framed};
-use super::pending::{Answered, Pace, Pending};
+use super::pending::{Answered, Pending, RetransmitTimer};
 use super::stream::ByteStream;
 use leg_control::serial::PROTOCOL_VERSION;
-use leg_control::serial::frame::FrameFault;
+use leg_control::serial::frame::FrameError;
 use leg_control::serial::message::{
-    Alarm, LineCounts, Refusal, Reply, Request, SlotReport, Statistics, ToController, ToHost,
+    Alarm, LineCounts, Reply, Request, RequestError, SlotReport, Status, ToController, ToHost,
 };
 use leg_control::wire::{Command, Sample};
 use leg_process::Stop;
@@ -68,15 +67,15 @@ pub enum ClientError {
         theirs: u8,
     },
     /// It would not.
-    #[error("the controller refuses: {}", faults::refusal(.0))]
-    Refused(Refusal),
+    #[error("the controller refuses: {0}")]
+    Refused(RequestError),
     /// It says something else than what it was asked.
     #[error(
         "the controller answers something else than what it was asked; build both from the same release"
     )]
     WrongReply,
     /// The program broke off there.
-    #[error("the controller has raised an alarm: {}", faults::alarm(.0))]
+    #[error("the controller has raised an alarm: {0}")]
     Alarm(Alarm),
     /// This process was told to stop, by a signal.
     #[error("stopped by a signal")]
@@ -119,7 +118,7 @@ pub enum Heard {
     /// the command before.
     Command {
         /// Number of its sample.
-        turn: u32,
+        seq: u32,
         /// The command.
         command: Command,
         /// Whether the command before was for the same sample: an answer given
@@ -134,7 +133,7 @@ pub enum Heard {
 
 /// The turns of which a command is taken.
 #[derive(Clone, Copy, Debug)]
-struct OpenTurns {
+struct OpenRange {
     /// That of the last command; at first, of the first sample.
     from: u32,
     /// That of the newest sample.
@@ -143,22 +142,22 @@ struct OpenTurns {
     answered: bool,
 }
 
-impl OpenTurns {
-    fn contains(self, turn: u32) -> bool {
+impl OpenRange {
+    fn contains(self, seq: u32) -> bool {
         // The numbers may wrap around.
-        turn.wrapping_sub(self.from) <= self.to.wrapping_sub(self.from)
+        seq.wrapping_sub(self.from) <= self.to.wrapping_sub(self.from)
     }
 }
 
 /// The host's end of the line.
 pub struct Client {
     line: Line,
-    turn: Option<Pending>,
-    turn_pace: Pace,
-    answered_turn: Option<Answered>,
-    open: Option<OpenTurns>,
+    sample: Option<Pending>,
+    sample_timer: RetransmitTimer,
+    answered_sample: Option<Answered>,
+    open: Option<OpenRange>,
     request: Option<Pending>,
-    request_pace: Pace,
+    request_timer: RetransmitTimer,
     answered_request: Option<Answered>,
     next_id: u32,
     counts: Counts,
@@ -174,12 +173,12 @@ impl Client {
     pub fn new(stream: Box<dyn ByteStream>, stop: &Stop) -> Self {
         Self {
             line: Line::new(stream),
-            turn: None,
-            turn_pace: Pace::new(),
-            answered_turn: None,
+            sample: None,
+            sample_timer: RetransmitTimer::new(),
+            answered_sample: None,
             open: None,
             request: None,
-            request_pace: Pace::new(),
+            request_timer: RetransmitTimer::new(),
             answered_request: None,
             // The last program's last number must not be this one's first.
             next_id: random_u32(),
@@ -193,8 +192,8 @@ impl Client {
     /// counters are not.
     pub fn replace_stream(&mut self, stream: Box<dyn ByteStream>) {
         self.line.replace(stream);
-        (self.turn, self.open, self.request) = (None, None, None);
-        (self.turn_pace, self.request_pace) = (Pace::new(), Pace::new());
+        (self.sample, self.open, self.request) = (None, None, None);
+        (self.sample_timer, self.request_timer) = (RetransmitTimer::new(), RetransmitTimer::new());
     }
 
     /// What was counted since it was made.
@@ -217,12 +216,12 @@ impl Client {
 
     /// Sends a sample, in place of one that is unanswered. Turns ascend. When
     /// the stream is broken, [`Client::listen`] reports it.
-    pub fn post_sample(&mut self, turn: u32, sample: &Sample) {
-        let first = OpenTurns { from: turn, to: turn, answered: false };
-        self.open = Some(self.open.map_or(first, |open| OpenTurns { to: turn, ..open }));
-        let frame = frame_of(&ToController::Sample { turn, sample: *sample });
-        let pending = self.turn.insert(Pending::new(turn, frame, &self.turn_pace));
-        say(&mut self.line, pending, &mut self.counts);
+    pub fn post_sample(&mut self, seq: u32, sample: &Sample) {
+        let first = OpenRange { from: seq, to: seq, answered: false };
+        self.open = Some(self.open.map_or(first, |open| OpenRange { to: seq, ..open }));
+        let frame = frame_of(&ToController::Sample { seq, sample: *sample });
+        let pending = self.sample.insert(Pending::new(seq, frame, &self.sample_timer));
+        send(&mut self.line, pending, &mut self.counts);
     }
 
     /// Sends a request, in place of one that is unanswered. When the stream is
@@ -231,8 +230,8 @@ impl Client {
         let id = self.next_id;
         self.next_id = id.wrapping_add(1);
         let frame = frame_of(&ToController::Request { id, request: *request });
-        let pending = self.request.insert(Pending::new(id, frame, &self.request_pace));
-        say(&mut self.line, pending, &mut self.counts);
+        let pending = self.request.insert(Pending::new(id, frame, &self.request_timer));
+        send(&mut self.line, pending, &mut self.counts);
     }
 
     /// For how long the request posted last has been unanswered.
@@ -256,13 +255,13 @@ impl Client {
         if self.stop.is_raised() {
             return Err(ClientError::Stopped);
         }
-        self.say_what_is_due();
-        let due = [&self.turn, &self.request].into_iter().flatten().map(Pending::wait).min();
+        self.retransmit_due();
+        let due = [&self.sample, &self.request].into_iter().flatten().map(Pending::wait).min();
         let wait = timeout.min(due.unwrap_or(LOOK)).min(LOOK);
         match self.line.receive(wait)? {
             Came::Nothing => Ok(Heard::Nothing),
             Came::Bad(fault) => {
-                if let FrameFault::Version(version) = fault {
+                if let FrameError::Version(version) = fault {
                     self.foreign = Some(version);
                 } else {
                     self.answer_was_damaged();
@@ -273,59 +272,60 @@ impl Client {
         }
     }
 
-    fn say_what_is_due(&mut self) {
-        if let Some(turn) = self.turn.as_mut().filter(|turn| turn.wait().is_zero()) {
-            turn.said_again_after_silence();
+    fn retransmit_due(&mut self) {
+        if let Some(sample) = self.sample.as_mut().filter(|sample| sample.wait().is_zero()) {
+            sample.retransmit_after_timeout();
             self.counts.sample_retries += 1;
-            say(&mut self.line, turn, &mut self.counts);
+            send(&mut self.line, sample, &mut self.counts);
         }
         if let Some(request) = self.request.as_mut().filter(|request| request.wait().is_zero()) {
-            request.said_again_after_silence();
+            request.retransmit_after_timeout();
             self.counts.request_retries += 1;
-            say(&mut self.line, request, &mut self.counts);
+            send(&mut self.line, request, &mut self.counts);
         }
     }
 
     /// A damaged frame. When only one answer is waited for, that was it: no
     /// need to wait on.
     fn answer_was_damaged(&mut self) {
-        let (pending, retries) = match (&mut self.turn, &mut self.request) {
-            (Some(turn), None) => (turn, &mut self.counts.sample_retries),
+        let (pending, retries) = match (&mut self.sample, &mut self.request) {
+            (Some(sample), None) => (sample, &mut self.counts.sample_retries),
             (None, Some(request)) => (request, &mut self.counts.request_retries),
             _ => return,
         };
         if !pending.may_be_answered() {
             return;
         }
-        pending.said_again();
+        pending.retransmit();
         *retries += 1;
-        say(&mut self.line, pending, &mut self.counts);
+        send(&mut self.line, pending, &mut self.counts);
     }
 
     fn take(&mut self) -> Heard {
         match self.line.message::<ToHost<'_>>() {
-            Some(ToHost::Command { turn, command }) => {
-                if let Some(pending) = self.turn.take_if(|pending| pending.number == turn) {
-                    self.answered_turn = pending.answered(&mut self.turn_pace);
-                } else if let Some(twice) = self.answered_turn.take_if(|last| last.number == turn) {
-                    self.turn_pace.was_too_soon(twice.took);
+            Some(ToHost::Command { seq, command }) => {
+                if let Some(pending) = self.sample.take_if(|pending| pending.number == seq) {
+                    self.answered_sample = pending.answered(&mut self.sample_timer);
+                } else if let Some(twice) = self.answered_sample.take_if(|last| last.number == seq)
+                {
+                    self.sample_timer.was_too_soon(twice.took);
                 }
-                if let Some(open) = self.open.filter(|open| open.contains(turn)) {
-                    let again = open.answered && open.from == turn;
-                    self.open = Some(OpenTurns { from: turn, answered: true, ..open });
+                if let Some(open) = self.open.filter(|open| open.contains(seq)) {
+                    let again = open.answered && open.from == seq;
+                    self.open = Some(OpenRange { from: seq, answered: true, ..open });
                     self.counts.commands += u64::from(!again);
                     self.counts.repeats += u64::from(again);
-                    return Heard::Command { turn, command, again };
+                    return Heard::Command { seq, command, again };
                 }
             }
             Some(ToHost::Reply { id, .. }) => {
                 if let Some(pending) = self.request.take_if(|pending| pending.number == id) {
-                    self.answered_request = pending.answered(&mut self.request_pace);
+                    self.answered_request = pending.answered(&mut self.request_timer);
                     self.counts.replies += 1;
                     return Heard::Reply;
                 }
                 if let Some(twice) = self.answered_request.take_if(|last| last.number == id) {
-                    self.request_pace.was_too_soon(twice.took);
+                    self.request_timer.was_too_soon(twice.took);
                 }
             }
             Some(ToHost::Alarm(alarm)) => return Heard::Alarm(alarm),
@@ -356,7 +356,7 @@ impl Client {
         request: &Request<'_>,
         patience: Duration,
     ) -> Result<Reply<'_>, ClientError> {
-        self.turn = None;
+        self.sample = None;
         let (begun, bad) = (Instant::now(), bad_frames(self.line.counts()));
         self.foreign = None;
         self.post_request(request);
@@ -400,9 +400,9 @@ impl Client {
     ///
     /// # Errors
     /// As [`Client::request`].
-    pub fn identify(&mut self, patience: Duration) -> Result<Who, ClientError> {
+    pub fn identify(&mut self, patience: Duration) -> Result<DeviceIdentity, ClientError> {
         match self.request(&Request::Identify, patience)? {
-            Reply::Identity(identity) => Ok(Who::from(&identity)),
+            Reply::Identity(identity) => Ok(DeviceIdentity::from(&identity)),
             _ => Err(ClientError::WrongReply),
         }
     }
@@ -418,13 +418,13 @@ impl Client {
         }
     }
 
-    /// Counters and figures.
+    /// Requests the state of the node.
     ///
     /// # Errors
     /// As [`Client::request`].
-    pub fn statistics(&mut self) -> Result<Statistics, ClientError> {
-        match self.request(&Request::Statistics, REQUEST_PATIENCE)? {
-            Reply::Statistics(statistics) => Ok(statistics),
+    pub fn status(&mut self) -> Result<Status, ClientError> {
+        match self.request(&Request::Status, REQUEST_PATIENCE)? {
+            Reply::Status(status) => Ok(status),
             _ => Err(ClientError::WrongReply),
         }
     }
@@ -440,7 +440,7 @@ fn frame_of(message: &ToController<'_>) -> Vec<u8> {
     framed(message).unwrap_or_default()
 }
 
-fn say(line: &mut Line, message: &Pending, counts: &mut Counts) {
+fn send(line: &mut Line, message: &Pending, counts: &mut Counts) {
     line.send(&message.frame);
     counts.frames_out += 1;
 }

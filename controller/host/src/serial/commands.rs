@@ -8,8 +8,7 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use super::client::{Client, ClientError, HELLO_PATIENCE};
-use super::faults;
-use super::identity::{WhichPolicy, Who};
+use super::identity::{DeviceIdentity, PolicyIdentity};
 use super::stream::{EndpointArgs, OpenError};
 use super::upload::{Progress, roll_back, upload};
 use super::virtual_board::VirtualBoard;
@@ -167,7 +166,14 @@ fn policy(command: &PolicyCommand, stop: &Stop) -> Result<(), CommandError> {
                     show(progress);
                 }
             };
-            let done = upload(&mut client, &policy, blob.as_slice(), wait.patience, show)?;
+            let done = upload(
+                &mut client,
+                &policy,
+                blob.as_slice(),
+                &file.display().to_string(),
+                wait.patience,
+                show,
+            )?;
             let (name, crc32) = (policy.manifest().name, policy.crc32());
             let (bytes, slot) = (blob.as_slice().len(), done.slot);
             let took_s = done.took.as_secs_f64();
@@ -211,7 +217,7 @@ fn policy(command: &PolicyCommand, stop: &Stop) -> Result<(), CommandError> {
     Ok(())
 }
 
-fn connect(line: &Line, stop: &Stop) -> Result<(Client, Who), CommandError> {
+fn connect(line: &Line, stop: &Stop) -> Result<(Client, DeviceIdentity), CommandError> {
     let mut client = Client::new(line.endpoint.endpoint().open()?, stop);
     let who = client.identify(HELLO_PATIENCE)?;
     Ok((client, who))
@@ -281,8 +287,8 @@ pub fn mode_name(mode: Mode) -> &'static str {
     }
 }
 
-fn who_json(who: &Who) -> Value {
-    let policy = who.policy.as_ref().map(|WhichPolicy { slot, name, crc32, leg }| {
+fn who_json(who: &DeviceIdentity) -> Value {
+    let policy = who.policy.as_ref().map(|PolicyIdentity { slot, name, crc32, leg }| {
         json!({ "slot": slot_name(*slot), "name": name, "crc32": hex(*crc32), "leg": hex(*leg) })
     });
     json!({
@@ -298,10 +304,10 @@ fn who_json(who: &Who) -> Value {
     })
 }
 
-fn who_text(who: &Who) -> String {
+fn who_text(who: &DeviceIdentity) -> String {
     let policy = who.policy.as_ref().map_or_else(
         || "none; the leg stays in the safe command".into(),
-        |WhichPolicy { slot, name, crc32, .. }| {
+        |PolicyIdentity { slot, name, crc32, .. }| {
             format!("{name} ({}) in slot {}", hex(*crc32), slot_name(*slot))
         },
     );
@@ -330,7 +336,7 @@ fn slot_json(name: Slot, slot: &SlotReport<'_>) -> Value {
             json["name"] = policy.into();
             json["crc32"] = hex(crc32).into();
         }
-        Err(fault) => json["fault"] = faults::slot(fault).into(),
+        Err(fault) => json["fault"] = fault.to_string().into(),
     }
     json
 }
@@ -338,7 +344,7 @@ fn slot_json(name: Slot, slot: &SlotReport<'_>) -> Value {
 fn slot_text(name: Slot, slot: &SlotReport<'_>) -> String {
     let content = match slot.content {
         Ok((policy, crc32)) => format!("{policy} ({})", hex(crc32)),
-        Err(fault) => faults::slot(fault),
+        Err(fault) => fault.to_string(),
     };
     let runs = if slot.running { ", runs" } else { "" };
     format!("slot {}    {content}, sequence {}{runs}", slot_name(name), slot.sequence)

@@ -1,10 +1,10 @@
-//! Who answers at the other end of the line.
+//! The identity of the device at the other end of the line.
 
 use leg_control::serial::message::{Identity, Mode, PolicyReport, Slot};
 
 /// [`Identity`], to keep.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Who {
+pub struct DeviceIdentity {
     /// [`leg_control::wire::WIRE_VERSION`] of the controller.
     pub wire_version: u16,
     /// The board.
@@ -20,12 +20,12 @@ pub struct Who {
     /// Gravity, m/s2.
     pub gravity_m_s2: f32,
     /// The policy that runs.
-    pub policy: Option<WhichPolicy>,
+    pub policy: Option<PolicyIdentity>,
 }
 
 /// [`PolicyReport`], to keep.
 #[derive(Clone, Debug, PartialEq)]
-pub struct WhichPolicy {
+pub struct PolicyIdentity {
     /// Its slot.
     pub slot: Slot,
     /// Its name.
@@ -36,7 +36,7 @@ pub struct WhichPolicy {
     pub leg: u32,
 }
 
-impl From<&Identity<'_>> for Who {
+impl From<&Identity<'_>> for DeviceIdentity {
     fn from(identity: &Identity<'_>) -> Self {
         let Identity {
             wire_version,
@@ -48,7 +48,7 @@ impl From<&Identity<'_>> for Who {
             gravity_m_s2,
             policy,
         } = *identity;
-        let policy = policy.map(|PolicyReport { slot, name, crc32, leg }| WhichPolicy {
+        let policy = policy.map(|PolicyReport { slot, name, crc32, leg }| PolicyIdentity {
             slot,
             name: name.to_owned(),
             crc32,

@@ -6,7 +6,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::stream::ByteStream;
-use leg_control::serial::frame::{self, FrameFault, MAX_FRAME, Receiver, TooLong};
+use leg_control::serial::frame::{self, FrameError, MAX_FRAME, Receiver, TooLongError};
 use leg_control::serial::message::LineCounts;
 
 /// Bytes taken from the stream at once.
@@ -20,7 +20,7 @@ pub(super) enum Came {
     /// A good frame; its message is at [`Line::message`].
     Frame,
     /// A frame that is none.
-    Bad(FrameFault),
+    Bad(FrameError),
 }
 
 /// A stream, and the frames found in it.
@@ -90,7 +90,7 @@ impl Line {
             match self.receiver.push(self.bytes[at]) {
                 None => (),
                 Some(Ok(_)) => return Ok(Came::Frame),
-                Some(Err(fault)) => return Ok(Came::Bad(fault)),
+                Some(Err(error)) => return Ok(Came::Bad(error)),
             }
         }
         Ok(Came::Nothing)
@@ -115,8 +115,8 @@ impl Line {
 /// A message as it goes over the line.
 ///
 /// # Errors
-/// [`TooLong`].
-pub(super) fn framed(message: &impl Serialize) -> Result<Vec<u8>, TooLong> {
+/// [`TooLongError`].
+pub(super) fn framed(message: &impl Serialize) -> Result<Vec<u8>, TooLongError> {
     let mut frame = [0; MAX_FRAME];
     frame::encode(message, &mut frame).map(<[u8]>::to_vec)
 }

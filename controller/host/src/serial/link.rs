@@ -9,20 +9,20 @@ use std::io;
 use std::time::{Duration, Instant};
 
 use super::line::{Came, Line, framed};
-use super::stream::ByteStream;
+use super::stream::{ByteStream, is_end};
 use crate::link::Role;
 use crate::link::{Link, LinkError};
 use leg_control::serial::frame;
 use leg_control::serial::message::{ToController, ToHost};
 use leg_control::wire::{Command, Sample};
 
-/// A message that has a frame of its own.
+/// A message that fills a frame.
 pub trait Framed: Copy {
     /// Who sends it.
     const SENDER: Role;
 
-    /// It in its frame, the sender's `turn` beside it.
-    fn frame(&self, turn: u32) -> Option<Vec<u8>>;
+    /// It in its frame, the sender's `seq` beside it.
+    fn frame(&self, seq: u32) -> Option<Vec<u8>>;
 
     /// It out of the payload of a frame, if that is what it holds.
     fn unframe(payload: &[u8]) -> Option<Self>;
@@ -31,8 +31,8 @@ pub trait Framed: Copy {
 impl Framed for Sample {
     const SENDER: Role = Role::Leg;
 
-    fn frame(&self, turn: u32) -> Option<Vec<u8>> {
-        framed(&ToController::Sample { turn, sample: *self }).ok()
+    fn frame(&self, seq: u32) -> Option<Vec<u8>> {
+        framed(&ToController::Sample { seq, sample: *self }).ok()
     }
 
     fn unframe(payload: &[u8]) -> Option<Self> {
@@ -46,8 +46,8 @@ impl Framed for Sample {
 impl Framed for Command {
     const SENDER: Role = Role::Controller;
 
-    fn frame(&self, turn: u32) -> Option<Vec<u8>> {
-        framed(&ToHost::Command { turn, command: *self }).ok()
+    fn frame(&self, seq: u32) -> Option<Vec<u8>> {
+        framed(&ToHost::Command { seq, command: *self }).ok()
     }
 
     fn unframe(payload: &[u8]) -> Option<Self> {
@@ -61,7 +61,7 @@ impl Framed for Command {
 /// One end of a link over a stream.
 pub struct SerialLink<Out, In> {
     line: Line,
-    turn: u32,
+    seq: u32,
     /// The process at the other end, for what is said of it.
     peer_pid: u32,
     /// The stream has ended; what came before still counts.
@@ -81,7 +81,7 @@ impl<Out, In> SerialLink<Out, In> {
     pub fn new(stream: Box<dyn ByteStream>, peer_pid: u32) -> Self {
         Self {
             line: Line::new(stream),
-            turn: 0,
+            seq: 0,
             peer_pid,
             ended: false,
             newest: None,
@@ -101,7 +101,7 @@ impl<Out: Framed, In: Framed> SerialLink<Out, In> {
                 Ok(Came::Nothing) if timeout.is_zero() => return Ok(()),
                 // The rest of a frame may follow at once.
                 Ok(Came::Nothing) => return self.listen(Duration::ZERO),
-                Err(error) if is_the_end(&error) => self.ended = true,
+                Err(error) if is_end(&error) => self.ended = true,
                 Err(cause) => return Err(failed("receive", &cause)),
             }
             timeout = Duration::ZERO;
@@ -115,12 +115,12 @@ impl<Out: Framed, In: Framed> Link for SerialLink<Out, In> {
     type Receives = In;
 
     fn send(&mut self, message: &Out) -> Result<(), LinkError> {
-        self.turn = self.turn.wrapping_add(1);
+        self.seq = self.seq.wrapping_add(1);
         let too_long = || LinkError::Transport {
             action: "send",
             cause: "the message is longer than a frame".to_owned(),
         };
-        let frame = message.frame(self.turn).ok_or_else(too_long)?;
+        let frame = message.frame(self.seq).ok_or_else(too_long)?;
         // `receive` reports a stream that is broken.
         self.line.send(&frame);
         Ok(())
@@ -143,11 +143,6 @@ impl<Out: Framed, In: Framed> Link for SerialLink<Out, In> {
             self.listen(left)?;
         }
     }
-}
-
-fn is_the_end(error: &io::Error) -> bool {
-    use io::ErrorKind::{BrokenPipe, ConnectionReset, UnexpectedEof};
-    matches!(error.kind(), UnexpectedEof | BrokenPipe | ConnectionReset)
 }
 
 fn failed(action: &'static str, cause: &io::Error) -> LinkError {

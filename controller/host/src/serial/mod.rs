@@ -1,16 +1,14 @@
 //! The host's end of a serial line to a flashed controller.
 //!
-//! [`stream`] is the bytes: a serial port, a unix socket or TCP. [`client`]
-//! says messages over it until they are answered, [`upload`] brings a policy
-//! across, [`commands`] is what the `controller` program does with that, and
-//! [`faults`] puts into words what a controller says about itself.
+//! [`stream`] carries bytes: a serial port, a unix socket or TCP. [`client`]
+//! sends messages over it and retransmits them until they are answered, and
+//! [`upload`] transfers a policy.
 //!
-//! [`virtual_board`] is the other end in this process: the flashed
-//! controller's own code, without the flash.
+//! [`virtual_board`] is the other end in this process: the code of the flashed
+//! controller, with flash in memory.
 
 pub mod client;
 pub mod commands;
-pub mod faults;
 pub mod identity;
 mod line;
 pub mod link;
@@ -21,7 +19,7 @@ pub mod upload;
 pub mod virtual_board;
 
 pub use client::{Client, ClientError, Counts, Heard};
-pub use identity::{WhichPolicy, Who};
+pub use identity::{DeviceIdentity, PolicyIdentity};
 pub use link::{SerialController, SerialLeg};
 pub use noise::Noisy;
 pub use stream::{ByteStream, Endpoint, OpenError};

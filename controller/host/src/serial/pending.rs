@@ -23,13 +23,13 @@ const SPREADS: u32 = 2;
 /// When to say a message again: learnt from the round trips, after Jacobson
 /// and Karels (RFC 6298).
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Pace {
+pub(super) struct RetransmitTimer {
     smooth: Option<Duration>,
     spread: Duration,
     interval: Duration,
 }
 
-impl Pace {
+impl RetransmitTimer {
     pub(super) const fn new() -> Self {
         Self { smooth: None, spread: Duration::ZERO, interval: FIRST }
     }
@@ -39,7 +39,7 @@ impl Pace {
     /// answered (Karn): it teaches nothing, but at the very start, that the
     /// first guess was too short.
     fn learn(&mut self, answered: &Pending) {
-        if !answered.was_said_again() {
+        if !answered.was_retransmitted() {
             self.learn_round_trip(answered.age());
         } else if self.smooth.is_none() {
             self.interval = answered.interval;
@@ -92,10 +92,10 @@ pub(super) struct Pending {
 
 impl Pending {
     /// Said for the first time, now.
-    pub(super) fn new(number: u32, frame: Vec<u8>, pace: &Pace) -> Self {
+    pub(super) fn new(number: u32, frame: Vec<u8>, timer: &RetransmitTimer) -> Self {
         let now = Instant::now();
-        let soonest = pace.smooth.unwrap_or_default() / 2;
-        let interval = pace.interval;
+        let soonest = timer.smooth.unwrap_or_default() / 2;
+        let interval = timer.interval;
         Self {
             number,
             frame,
@@ -115,16 +115,16 @@ impl Pending {
     }
 
     /// It is being said again, after no answer in time.
-    pub(super) fn said_again_after_silence(&mut self) {
+    pub(super) fn retransmit_after_timeout(&mut self) {
         self.silences += 1;
         if self.silences > EVEN_TRIES {
             self.interval = LATEST.min(self.interval * 2);
         }
-        self.said_again();
+        self.retransmit();
     }
 
     /// It is being said again.
-    pub(super) fn said_again(&mut self) {
+    pub(super) fn retransmit(&mut self) {
         self.tries += 1;
         self.previous = std::mem::replace(&mut self.last, Instant::now());
     }
@@ -135,7 +135,7 @@ impl Pending {
     }
 
     /// Whether it was said more than once.
-    fn was_said_again(&self) -> bool {
+    fn was_retransmitted(&self) -> bool {
         self.tries > 1
     }
 
@@ -145,9 +145,9 @@ impl Pending {
     }
 
     /// It was answered, just now. Kept if it may be answered once more.
-    pub(super) fn answered(&self, pace: &mut Pace) -> Option<Answered> {
-        pace.learn(self);
-        self.was_said_again()
+    pub(super) fn answered(&self, timer: &mut RetransmitTimer) -> Option<Answered> {
+        timer.learn(self);
+        self.was_retransmitted()
             .then(|| Answered { number: self.number, took: self.previous.elapsed() })
     }
 }
@@ -158,34 +158,34 @@ mod tests {
 
     fn waited(tries: u32, took: Duration) -> Pending {
         let first = Instant::now().checked_sub(took).unwrap();
-        Pending { first, tries, ..Pending::new(1, Vec::new(), &Pace::new()) }
+        Pending { first, tries, ..Pending::new(1, Vec::new(), &RetransmitTimer::new()) }
     }
 
     #[test]
     fn the_interval_follows_the_round_trip() {
-        let mut pace = Pace::new();
-        assert_eq!(pace.interval, FIRST);
+        let mut timer = RetransmitTimer::new();
+        assert_eq!(timer.interval, FIRST);
         for _ in 0..100 {
-            waited(1, Duration::from_millis(10)).answered(&mut pace);
+            waited(1, Duration::from_millis(10)).answered(&mut timer);
         }
-        let ms = pace.interval.as_secs_f64() * 1e3;
+        let ms = timer.interval.as_secs_f64() * 1e3;
         assert!((10.0..13.0).contains(&ms), "{ms}");
         for _ in 0..100 {
-            waited(1, Duration::from_micros(50)).answered(&mut pace);
+            waited(1, Duration::from_micros(50)).answered(&mut timer);
         }
-        assert_eq!(pace.interval, SOONEST);
+        assert_eq!(timer.interval, SOONEST);
         for _ in 0..100 {
-            waited(1, Duration::from_secs(1)).answered(&mut pace);
+            waited(1, Duration::from_secs(1)).answered(&mut timer);
         }
-        assert_eq!(pace.interval, LATEST);
+        assert_eq!(timer.interval, LATEST);
     }
 
     #[test]
     fn noise_is_met_evenly_and_silence_ever_more_slowly() {
-        let mut pending = Pending::new(1, Vec::new(), &Pace::new());
+        let mut pending = Pending::new(1, Vec::new(), &RetransmitTimer::new());
         let intervals: Vec<_> = (0..14)
             .map(|_| {
-                pending.said_again_after_silence();
+                pending.retransmit_after_timeout();
                 pending.interval
             })
             .collect();
@@ -193,33 +193,33 @@ mod tests {
         assert!(intervals[7..11].is_sorted_by(|a, b| a < b), "{intervals:?}");
         assert_eq!(intervals[13], LATEST);
         // The first message of all, said often, teaches how patient to be; a later one nothing.
-        let mut pace = Pace::new();
-        pending.answered(&mut pace);
-        assert_eq!((pace.interval, pace.smooth), (LATEST, None));
-        waited(1, Duration::from_millis(10)).answered(&mut pace);
-        let learnt = pace.interval;
-        pending.answered(&mut pace);
-        assert_eq!(pace.interval, learnt);
+        let mut timer = RetransmitTimer::new();
+        pending.answered(&mut timer);
+        assert_eq!((timer.interval, timer.smooth), (LATEST, None));
+        waited(1, Duration::from_millis(10)).answered(&mut timer);
+        let learnt = timer.interval;
+        pending.answered(&mut timer);
+        assert_eq!(timer.interval, learnt);
     }
 
     #[test]
     fn an_answer_given_twice_makes_it_more_patient() {
-        let mut pace = Pace::new();
+        let mut timer = RetransmitTimer::new();
         for _ in 0..100 {
-            waited(1, Duration::from_micros(50)).answered(&mut pace);
+            waited(1, Duration::from_micros(50)).answered(&mut timer);
         }
-        assert_eq!(pace.interval, SOONEST);
+        assert_eq!(timer.interval, SOONEST);
         // Now answers take 5 ms, and what is said once more after 0.25 ms is answered twice.
         let took = Duration::from_millis(5);
         let mut too_soon = 0;
-        while pace.interval < took {
-            pace.was_too_soon(took);
+        while timer.interval < took {
+            timer.was_too_soon(took);
             too_soon += 1;
         }
         assert!(too_soon < 20, "{too_soon}");
         // A single stall does little.
-        let before = pace.interval;
-        pace.was_too_soon(Duration::from_secs(1));
-        assert!(pace.interval < before * 3, "{:?}", pace.interval);
+        let before = timer.interval;
+        timer.was_too_soon(Duration::from_secs(1));
+        assert!(timer.interval < before * 3, "{:?}", timer.interval);
     }
 }

@@ -103,6 +103,12 @@ impl<S: Read + Write + AsFd + Send> ByteStream for Socket<S> {
     }
 }
 
+/// Returns whether an error means that the other end has closed the stream.
+pub(super) fn is_end(error: &io::Error) -> bool {
+    use io::ErrorKind::{BrokenPipe, ConnectionReset, UnexpectedEof};
+    matches!(error.kind(), UnexpectedEof | BrokenPipe | ConnectionReset)
+}
+
 fn is_nothing(error: &io::Error) -> bool {
     matches!(
         error.kind(),

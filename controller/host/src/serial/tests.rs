@@ -13,7 +13,9 @@ use crate::flash::MemoryFlash;
 use leg_control::checksum::crc32;
 use leg_control::policy::SHIPPED;
 use leg_control::serial::frame::{self, MAX_FRAME};
-use leg_control::serial::message::{Alarm, Crash, Mode, Refusal, Request, Slot, SlotFault, ToHost};
+use leg_control::serial::message::{
+    Alarm, Crash, Mode, Request, RequestError, Slot, SlotError, ToHost,
+};
 use leg_control::wire::{Header, Sample};
 use leg_process::Stop;
 use leg_process::policy_file::PolicyFile;
@@ -131,7 +133,7 @@ fn silence_noise_and_another_version_are_told_apart() {
     let noise = client.identify(SHORT).unwrap_err();
     assert!(matches!(noise, ClientError::Noise { bad: 2, .. }), "{noise}");
 
-    let body = [2];
+    let body = [9];
     let mut frame = vec![0, 6];
     frame.extend(body);
     frame.extend(crc32(&body).to_le_bytes());
@@ -139,7 +141,7 @@ fn silence_noise_and_another_version_are_told_apart() {
     frame.push(0);
     there.write_all(&frame).unwrap();
     let other = client.identify(SHORT).unwrap_err().to_string();
-    assert!(other.contains("speaks version 2 of the protocol, this program version 1"), "{other}");
+    assert!(other.contains("speaks version 9 of the protocol, this program version 2"), "{other}");
 
     drop(there);
     assert!(client.identify(LONG).unwrap_err().is_unplugged());
@@ -160,17 +162,17 @@ fn samples_and_requests_go_side_by_side() {
         let begun = Instant::now();
         while (command.is_none() || !reply) && begun.elapsed() < LONG {
             match client.listen(LONG).unwrap() {
-                Heard::Command { turn, command: heard, again: false } => {
-                    command = Some((turn, heard));
+                Heard::Command { seq, command: heard, again: false } => {
+                    command = Some((seq, heard));
                 }
                 Heard::Reply => reply = true,
                 _ => (),
             }
         }
-        let (turn, command) = command.expect("a command");
-        assert_eq!((turn, command.header.seq), (start.wrapping_add(tick), u64::from(tick)));
+        let (seq, command) = command.expect("a command");
+        assert_eq!((seq, command.header.seq), (start.wrapping_add(tick), u64::from(tick)));
     }
-    assert_eq!(client.statistics().unwrap().ticks, 200);
+    assert_eq!(client.status().unwrap().run.counts.ticks, 200);
     let counts = client.counts();
     let sent = counts.commands + counts.sample_retries + counts.replies + counts.request_retries;
     assert_eq!(counts.frames_out, sent);
@@ -180,7 +182,7 @@ fn samples_and_requests_go_side_by_side() {
 fn a_refusal_says_what_to_do() {
     let (mut client, _bench) = board();
     let refused = client.have_done(&Request::SetPoint(Some(99.0))).unwrap_err();
-    assert!(matches!(refused, ClientError::Refused(Refusal::SetPoint { .. })), "{refused}");
+    assert!(matches!(refused, ClientError::Refused(RequestError::SetPoint { .. })), "{refused}");
     assert!(refused.to_string().contains("at most 50 m/s"), "{refused}");
     let refused = roll_back(&mut client, SHORT).unwrap_err().to_string();
     assert!(refused.contains("nothing to go back to: empty"), "{refused}");
@@ -194,14 +196,14 @@ fn a_board_without_a_policy_says_so_and_takes_one() {
     let mut client = Client::new(here, &Stop::default());
     let _bench = Bench::new(there, MemoryFlash::new());
     let Heard::Alarm(alarm) = client.listen(LONG).unwrap() else { panic!("no alarm") };
-    assert_eq!(alarm, Alarm::NoPolicy { a: SlotFault::Empty, b: SlotFault::Empty });
-    let text = faults::alarm(&alarm);
-    assert!(text.contains("slot A: empty") && text.contains("policy upload"), "{text}");
+    assert_eq!(alarm, Alarm::NoPolicy { a: SlotError::Empty, b: SlotError::Empty });
+    let text = alarm.to_string();
+    assert!(text.contains("slot A: empty") && text.contains("uploaded"), "{text}");
     assert_eq!(client.identify(LONG).unwrap().policy, None);
 
     let blob = PolicyFile::load(None).unwrap();
     let policy = blob.policy().unwrap();
-    let done = upload(&mut client, &policy, blob.as_slice(), LONG, |_| ()).unwrap();
+    let done = upload(&mut client, &policy, blob.as_slice(), "a file", LONG, |_| ()).unwrap();
     assert!(done.slot == Slot::A && done.swapped_after.is_some(), "{done:?}");
     assert_eq!(client.identify(LONG).unwrap().policy.unwrap().crc32, policy.crc32());
 }
@@ -214,7 +216,8 @@ fn an_upload_comes_through_noise_both_ways() {
     let blob = PolicyFile::load(None).unwrap();
     let policy = blob.policy().unwrap();
     let mut progress = Vec::new();
-    let done = upload(&mut client, &policy, blob.as_slice(), LONG, |p| progress.push(p)).unwrap();
+    let done = upload(&mut client, &policy, blob.as_slice(), "a file", LONG, |p| progress.push(p))
+        .unwrap();
     assert_eq!(done.slot, Slot::B);
     let len = SHIPPED.len();
     assert_eq!(progress.last(), Some(&Progress::Committed));
@@ -264,7 +267,7 @@ fn a_serial_port_is_a_stream_too() {
     assert_eq!(client.identify(LONG).unwrap().board, "virtual");
     let blob = PolicyFile::load(None).unwrap();
     let policy = blob.policy().unwrap();
-    let done = upload(&mut client, &policy, blob.as_slice(), LONG, |_| ()).unwrap();
+    let done = upload(&mut client, &policy, blob.as_slice(), "a file", LONG, |_| ()).unwrap();
     assert!(done.swapped_after.is_some(), "all bytes go through as they are");
 }
 

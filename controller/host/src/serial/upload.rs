@@ -4,7 +4,9 @@ use std::time::{Duration, Instant};
 
 use super::client::{Client, ClientError};
 use leg_control::policy::Policy;
-use leg_control::serial::message::{MAX_CHUNK, Refusal, Request, Slot, SlotReport};
+use leg_control::serial::message::{
+    MAX_CHUNK, MAX_ORIGIN, Request, RequestError, Slot, SlotReport,
+};
 
 /// Between two looks whether it is swapped in.
 const LOOK: Duration = Duration::from_millis(20);
@@ -31,23 +33,33 @@ pub struct Uploaded {
     pub swapped_after: Option<Duration>,
 }
 
-/// Sends a checked policy, `bytes` being its blob, has it committed, and waits
-/// at most `patience` until it runs.
+/// Uploads a checked policy, `bytes` being its blob and `origin` where it comes
+/// from, commits it, and waits at most `patience` until it runs. A policy that
+/// was committed before, and still waits for its apex, is waited for as long.
 ///
-/// Until the commit is done the policy that runs is untouched, whatever happens.
+/// Until the commit the policy that runs is untouched, whatever happens.
 ///
 /// # Errors
-/// [`ClientError`]; what was running before runs on.
+/// [`ClientError`]; the policy that ran before runs on.
 pub fn upload(
     client: &mut Client,
     policy: &Policy<'_>,
     bytes: &[u8],
+    origin: &str,
     patience: Duration,
     mut progress: impl FnMut(Progress),
 ) -> Result<Uploaded, ClientError> {
     let begun = Instant::now();
     let crc32 = policy.crc32();
-    client.have_done(&Request::Begin { length: bytes.len() as u32, crc32 })?;
+    let begin = Request::Begin { length: bytes.len() as u32, crc32, origin: cut_origin(origin) };
+    loop {
+        match client.have_done(&begin) {
+            Err(ClientError::Refused(RequestError::SwapPending)) if begun.elapsed() < patience => {
+                std::thread::sleep(LOOK);
+            }
+            begun => break begun?,
+        }
+    }
     for (index, part) in bytes.chunks(MAX_CHUNK).enumerate() {
         let offset = index * MAX_CHUNK;
         client.have_done(&Request::Chunk { offset: offset as u32, bytes: part })?;
@@ -78,7 +90,13 @@ pub fn roll_back(
     wait_for_swap(client, patience, |_| Some(back))
 }
 
-/// The slot with the blob of this checksum that was committed last.
+/// Returns the end of an origin, as much as fits a message.
+fn cut_origin(origin: &str) -> &str {
+    let from = origin.len().saturating_sub(MAX_ORIGIN);
+    (from..origin.len()).find_map(|from| origin.get(from..)).unwrap_or_default()
+}
+
+/// Returns the slot with the blob of this checksum that was committed last.
 fn newest(slots: &[SlotReport<'_>; 2], crc32: u32) -> Option<Slot> {
     let holds = |slot: &SlotReport<'_>| slot.content.is_ok_and(|(_, found)| found == crc32);
     let found = Slot::ALL.into_iter().zip(slots).filter(|(_, slot)| holds(slot));
@@ -94,7 +112,7 @@ fn wait_for_swap(
     loop {
         let slots = client.slots()?;
         // It was there a moment ago.
-        let slot = which(&slots).ok_or(ClientError::Refused(Refusal::Flash))?;
+        let slot = which(&slots).ok_or(ClientError::Refused(RequestError::Flash))?;
         if slots[slot as usize].running {
             return Ok((slot, Some(committed.elapsed())));
         }

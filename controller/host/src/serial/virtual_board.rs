@@ -1,49 +1,53 @@
-//! The flashed controller in a host process: its own code for everything above
-//! the bytes, flash in memory, the system's clock as the timer.
+//! The flashed controller in a host process: its own code above the bytes, flash
+//! in memory, and the system's clock as the timer.
 //!
-//! For trying a bridge without a board, and for tests of the host's end.
+//! It serves to try a bridge without a board, and to test the host's end.
 
 use std::io;
 use std::os::unix::net::UnixListener;
 use std::time::{Duration, Instant};
 
-use super::stream::{ByteStream, over_unix};
-use crate::flash::{LockedPilot, MemoryFlash};
-use leg_control::serial::desk::{Board, BoardFigures};
+use super::stream::{ByteStream, is_end, over_unix};
+use crate::flash::{LockedNode, MemoryFlash};
+use leg_control::serial::endpoint::Endpoint;
 use leg_control::serial::frame::{self, MAX_FRAME};
-use leg_control::serial::message::{Mode, ToHost};
-use leg_control::serial::pilot::{Pilot, SharedPilot};
-use leg_control::serial::station::Station;
+use leg_control::serial::handler::{DeviceInfo, RequestHandler};
+use leg_control::serial::message::{Alarm, DeviceCounts, Mode, ToHost};
+use leg_control::serial::node::{ControlNode, SharedNode};
+use leg_control::serial::slots::FlashSlots;
 
-const BOARD: Board = Board { name: "virtual", firmware: env!("CARGO_PKG_VERSION") };
-/// Longest wait before looking whether to go on.
+const DEVICE: DeviceInfo = DeviceInfo { name: "virtual", firmware: env!("CARGO_PKG_VERSION") };
+/// Longest wait before checking whether to go on.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// A board with nothing around it.
+/// A board in memory.
 #[derive(Debug)]
 pub struct VirtualBoard {
-    station: Station<MemoryFlash>,
-    pilot: LockedPilot,
-    /// Live: when the next tick is.
+    endpoint: Endpoint,
+    handler: RequestHandler<FlashSlots<MemoryFlash>>,
+    alarm: Option<Alarm>,
+    node: LockedNode,
+    /// Live mode: when the next tick is due.
     next_tick: Option<Instant>,
 }
 
 impl VirtualBoard {
-    /// Powers it up with this in its flash.
+    /// Powers a board up with this flash.
     #[must_use]
     pub fn power_up(flash: MemoryFlash) -> Self {
-        let pilot = LockedPilot::new(Pilot::new());
-        Self { station: Station::power_up(BOARD, flash, &pilot), pilot, next_tick: None }
+        let node = LockedNode::new(ControlNode::new());
+        let (handler, alarm) = RequestHandler::power_up(DEVICE, FlashSlots::new(flash), &node);
+        Self { endpoint: Endpoint::new(), handler, alarm, node, next_tick: None }
     }
 
-    /// As after its power was off and on: the flash is as it was, all else forgotten.
+    /// Turns the power off and on: the flash stays, everything else is lost.
     pub fn power_cycle(&mut self) {
-        *self = Self::power_up(self.station.desk().flash().clone());
+        *self = Self::power_up(self.handler.store().flash().clone());
     }
 
-    /// Serves whoever is at the other end of `stream`, until the stream ends or
-    /// `go_on` says no. The run goes on with the next call, as a board's does
-    /// when it is plugged in again.
+    /// Serves the host at the other end of `stream` until the stream ends or
+    /// `go_on` returns false. The run continues with the next call, as that of a
+    /// board does when it is plugged in again.
     ///
     /// # Errors
     /// When the stream breaks otherwise than by ending.
@@ -65,14 +69,15 @@ impl VirtualBoard {
         go_on: &mut impl FnMut() -> bool,
     ) -> io::Result<()> {
         let mut bytes = [0; 1024];
-        if let Some(alarm) = self.station.alarm() {
-            stream.write_all(alarm)?;
+        if let Some(frame) = self.alarm.take().and_then(|alarm| self.endpoint.alarm(alarm)) {
+            stream.write_all(frame)?;
         }
         while go_on() {
             let until_tick = self.live_ticks(stream)?;
             let count = stream.read(&mut bytes, until_tick.min(LOOK))?;
             for &byte in &bytes[..count] {
-                if let Some(frame) = self.station.push(byte, &self.pilot, BoardFigures::default) {
+                let Self { endpoint, handler, node, .. } = self;
+                if let Some(frame) = endpoint.push(byte, handler, node, DeviceCounts::default) {
                     stream.write_all(frame)?;
                 }
             }
@@ -80,14 +85,14 @@ impl VirtualBoard {
         Ok(())
     }
 
-    /// Runs the live ticks that are due; returns how long until the next.
+    /// Runs the live tick that is due; returns the time until the next.
     fn live_ticks(&mut self, stream: &mut dyn ByteStream) -> io::Result<Duration> {
-        let (mode, terms) = self.pilot.with(|pilot| (pilot.mode(), pilot.terms()));
+        let (mode, rate_hz) = self.node.with(|node| node.mode());
         if mode != Mode::Live {
             self.next_tick = None;
             return Ok(LOOK);
         }
-        let period = Duration::from_secs(1) / terms.rate_hz;
+        let period = Duration::from_secs(1) / rate_hz;
         let now = Instant::now();
         let due = *self.next_tick.get_or_insert(now + period);
         if now < due {
@@ -95,23 +100,23 @@ impl VirtualBoard {
         }
         let late = now >= due + period;
         self.next_tick = Some(if late { now + period } else { due + period });
-        let command = self.pilot.with(|pilot| {
+        let command = self.node.with(|node| {
             if late {
-                pilot.count_overrun();
+                node.count_overrun();
             }
-            pilot.live_tick()
+            node.live_tick()
         });
-        if let Some((turn, command)) = command {
+        if let Some((seq, command)) = command {
             let mut room = [0; MAX_FRAME];
-            if let Ok(frame) = frame::encode(&ToHost::Command { turn, command }, &mut room) {
+            if let Ok(frame) = frame::encode(&ToHost::Command { seq, command }, &mut room) {
                 stream.write_all(frame)?;
             }
         }
         Ok(Duration::ZERO)
     }
 
-    /// Serves one caller after the other, as a board has one line, until
-    /// `go_on` says no.
+    /// Serves one connection after the other, as a board has one line, until
+    /// `go_on` returns false.
     ///
     /// # Errors
     /// When the listener fails.
@@ -123,7 +128,7 @@ impl VirtualBoard {
         listener.set_nonblocking(true)?;
         while go_on() {
             match listener.accept() {
-                // A caller that breaks off is no reason to end.
+                // A connection that breaks does not end the board.
                 Ok((socket, _)) => {
                     let _ = self.serve(&mut *over_unix(socket)?, &mut go_on);
                 }
@@ -135,10 +140,4 @@ impl VirtualBoard {
         }
         Ok(())
     }
-}
-
-/// Whether the other end has hung up.
-fn is_end(error: &io::Error) -> bool {
-    use io::ErrorKind::{BrokenPipe, ConnectionReset, UnexpectedEof};
-    matches!(error.kind(), UnexpectedEof | BrokenPipe | ConnectionReset)
 }

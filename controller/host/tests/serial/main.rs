@@ -1,11 +1,11 @@
-//! Tests of the station, with flash in memory.
+//! Tests of the serial protocol, with flash in memory.
 
-mod desk;
 #[path = "../../src/fixture.rs"]
 #[allow(dead_code)]
 mod fixture;
 mod frame;
-mod pilot;
+mod handler;
+mod node;
 mod power;
 mod rig;
 mod spec;

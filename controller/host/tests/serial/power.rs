@@ -1,21 +1,22 @@
-//! Power that goes between any two operations of the flash, or within an erase.
+//! Power failures between any two operations of the flash, and within an erase.
 
 use std::cell::Cell;
 use std::rc::Rc;
 
 use crate::rig::{Rig, factory, small_blob};
-use leg_control::serial::message::{Refusal, Request, Slot};
-use leg_control::serial::slots::{FlashFault, PolicyFlash, SEAL_LEN};
+use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
+use leg_control::serial::message::{Request, RequestError, Slot};
+use leg_control::serial::slots::{MappedFlash, SEAL_LEN};
 use leg_host::flash::MemoryFlash;
 
-/// Flash whose power goes after so many operations: nothing is done from there
-/// on. It knows which slots were erased.
+/// Flash whose power fails after so many operations, and which does nothing from
+/// then on. It counts the erases of each slot.
 #[derive(Clone)]
 struct Failing {
     memory: MemoryFlash,
     left: Rc<Cell<u32>>,
     erased: Rc<Cell<[u32; 2]>>,
-    /// What the power's end leaves of an erase under way.
+    /// What an erase leaves that the power failure cuts short.
     half_erase: HalfErase,
 }
 
@@ -39,9 +40,10 @@ impl Failing {
         left > 0
     }
 
-    /// The slot with one part erased.
-    fn half_erased(&mut self, slot: Slot) {
-        let mut image = self.memory.bytes(slot).to_vec();
+    /// Erases one part of a slot.
+    fn half_erase(&mut self, slot: Slot) {
+        let len = self.memory.capacity() / 2;
+        let mut image = self.memory.mapped()[len * slot as usize..][..len].to_vec();
         let seal_at = image.len() - SEAL_LEN;
         match self.half_erase {
             HalfErase::Nothing => {}
@@ -52,34 +54,54 @@ impl Failing {
     }
 }
 
-impl PolicyFlash for Failing {
-    fn slot_len(&self) -> usize {
-        self.memory.slot_len()
+impl ErrorType for Failing {
+    type Error = NorFlashErrorKind;
+}
+
+impl ReadNorFlash for Failing {
+    const READ_SIZE: usize = MemoryFlash::READ_SIZE;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
+        self.memory.read(offset, bytes)
     }
 
-    fn bytes(&self, slot: Slot) -> &'static [u8] {
-        self.memory.bytes(slot)
+    fn capacity(&self) -> usize {
+        self.memory.capacity()
     }
+}
 
-    fn erase(&mut self, slot: Slot) -> Result<(), FlashFault> {
+impl NorFlash for Failing {
+    const WRITE_SIZE: usize = MemoryFlash::WRITE_SIZE;
+    const ERASE_SIZE: usize = MemoryFlash::ERASE_SIZE;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
+        let slot = if from == 0 { Slot::A } else { Slot::B };
         if self.left.get() == 1 && self.half_erase != HalfErase::Nothing {
-            self.half_erased(slot);
+            self.half_erase(slot);
         }
         if !self.powered() || (self.left.get() == 0 && self.half_erase != HalfErase::Nothing) {
-            return Err(FlashFault);
+            return Err(NorFlashErrorKind::Other);
         }
         let mut erased = self.erased.get();
         erased[slot as usize] += 1;
         self.erased.set(erased);
-        self.memory.erase(slot)
+        self.memory.erase(from, to)
     }
 
-    fn program(&mut self, slot: Slot, offset: u32, word: u32) -> Result<(), FlashFault> {
-        if self.powered() { self.memory.program(slot, offset, word) } else { Err(FlashFault) }
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
+        if self.powered() {
+            self.memory.write(offset, bytes)
+        } else {
+            Err(NorFlashErrorKind::Other)
+        }
     }
+}
 
-    fn erase_stalls(&self) -> bool {
-        false
+impl MappedFlash for Failing {
+    const ERASE_STALLS: bool = false;
+
+    fn mapped(&self) -> &'static [u8] {
+        self.memory.mapped()
     }
 }
 
@@ -87,7 +109,7 @@ impl PolicyFlash for Failing {
 fn second_generation() -> MemoryFlash {
     let mut rig = Rig::power_up(factory(&small_blob("first")));
     rig.upload(&small_blob("second")).unwrap();
-    rig.desk.flash().clone()
+    rig.flash().clone()
 }
 
 #[test]
@@ -104,12 +126,15 @@ fn power_cut_between_any_two_operations_of_an_upload_leaves_a_policy_to_run() {
             assert_eq!(rig.power_cycled().name(), runs, "after {operations} operations");
             match uploaded {
                 Ok(()) => {
-                    assert_eq!(rig.desk.flash().left.get(), 0);
+                    assert_eq!(rig.flash().left.get(), 0);
                     assert!(operations as usize > new.len() / 4);
                     break;
                 }
                 Err(refusal) => {
-                    assert!(matches!(refusal, Refusal::Flash | Refusal::NotBegun), "{refusal:?}");
+                    assert!(
+                        matches!(refusal, RequestError::Flash | RequestError::NotBegun),
+                        "{refusal:?}"
+                    );
                 }
             }
         }
@@ -125,7 +150,7 @@ fn a_policy_rolled_back_does_not_return_when_its_erase_is_cut_short() {
         let mut rig = Rig::power_up(factory(&a).loaded(Slot::B, &b));
         rig.order(&Request::RollBack).unwrap();
         assert_eq!(rig.name(), "good");
-        let flash = Failing::new(rig.desk.flash().clone(), operations, HalfErase::Seal);
+        let flash = Failing::new(rig.flash().clone(), operations, HalfErase::Seal);
         let mut rig = Rig::power_up(flash);
         let _ = rig.begin(&a);
         assert_eq!(rig.power_cycled().name(), "good", "after {operations} operations");
@@ -150,9 +175,9 @@ fn flash_that_fails_ends_the_upload_and_nothing_else() {
     let flash = Failing::new(second_generation(), 40, HalfErase::Nothing);
     let mut rig = Rig::power_up(flash);
     rig.begin(&new).unwrap();
-    assert_eq!(rig.chunk(&new, 0), Err(Refusal::Flash));
-    assert_eq!(rig.chunk(&new, 0), Err(Refusal::NotBegun));
-    rig.desk.flash().left.set(u32::MAX);
+    assert_eq!(rig.chunk(&new, 0), Err(RequestError::Flash));
+    assert_eq!(rig.chunk(&new, 0), Err(RequestError::NotBegun));
+    rig.flash().left.set(u32::MAX);
     rig.upload(&new).unwrap();
     assert_eq!(rig.name(), "third");
 }
@@ -167,12 +192,12 @@ fn the_slot_of_a_policy_that_runs_or_waits_is_never_erased() {
         let idle = rig.running().unwrap().slot.other();
         rig.upload(&small_blob(["even", "odd"][round % 2])).unwrap();
         expected[idle as usize] += 1;
-        assert_eq!(rig.desk.flash().erased.get(), expected);
+        assert_eq!(rig.flash().erased.get(), expected);
         // It waits: both slots are taken.
-        for request in [Request::Begin { length: 64, crc32: 0 }, Request::RollBack] {
-            assert_eq!(rig.order(&request), Err(Refusal::SwapPending));
+        for request in [Request::Begin { length: 64, crc32: 0, origin: "" }, Request::RollBack] {
+            assert_eq!(rig.order(&request), Err(RequestError::SwapPending));
         }
-        assert_eq!(rig.desk.flash().erased.get(), expected);
+        assert_eq!(rig.flash().erased.get(), expected);
         rig.ticks(super::rig::HOP_TICKS);
         assert_eq!(rig.running().unwrap().slot, idle);
     }

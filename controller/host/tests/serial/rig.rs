@@ -1,21 +1,22 @@
-//! What the tests of the station stand on: policies, flash, a hopping leg.
+//! A node in memory for the tests: policies, flash, a hopping leg.
 
 use crate::fixture::{manifest, weights};
 use leg_control::policy::{self, GainPoint, GainSchedule};
-use leg_control::serial::desk::{Board, BoardFigures, Desk};
+use leg_control::serial::endpoint::RepeatFilter;
+use leg_control::serial::handler::{DeviceInfo, RequestHandler};
 use leg_control::serial::message::{
-    Alarm, LineCounts, MAX_CHUNK, Mode, PolicyReport, Refusal, Reply, Request, Slot, SlotReport,
-    Statistics,
+    Alarm, DeviceCounts, LineCounts, MAX_CHUNK, Mode, PolicyReport, Reply, Request, RequestError,
+    RunCounts, Slot, SlotReport,
 };
-use leg_control::serial::pilot::{Pilot, SharedPilot};
-use leg_control::serial::slots::PolicyFlash;
+use leg_control::serial::node::{ControlNode, SharedNode};
+use leg_control::serial::slots::{FlashSlots, MappedFlash};
 use leg_control::wire::{Command, Header, Sample, WIRE_VERSION, flags};
-use leg_host::flash::{LockedPilot, MemoryFlash};
+use leg_host::flash::{LockedNode, MemoryFlash};
 
 /// Ticks from one apex of [`hopping`] to the next.
 pub(super) const HOP_TICKS: u64 = 100;
 
-pub(super) const BOARD: Board = Board { name: "rig", firmware: "0.0.0" };
+pub(super) const DEVICE: DeviceInfo = DeviceInfo { name: "rig", firmware: "0.0.0" };
 
 /// A small policy, unlike one of any other name.
 pub(super) fn small_blob(name: &str) -> Vec<u8> {
@@ -69,31 +70,37 @@ pub(super) fn is_safe(command: &Command) -> bool {
 
 /// A powered board.
 pub(super) struct Rig<F> {
-    pub(super) pilot: LockedPilot,
-    pub(super) desk: Desk<F>,
+    pub(super) node: LockedNode,
+    pub(super) handler: RequestHandler<FlashSlots<F>>,
     pub(super) alarm: Option<Alarm>,
+    filter: RepeatFilter,
     next_id: u32,
     tick: u64,
 }
 
-impl<F: PolicyFlash> Rig<F> {
+impl<F: MappedFlash> Rig<F> {
     pub(super) fn power_up(flash: F) -> Self {
-        let pilot = LockedPilot::new(Pilot::new());
-        let (desk, alarm) = Desk::power_up(BOARD, flash, &pilot);
-        Self { pilot, desk, alarm, next_id: 1, tick: 0 }
+        let node = LockedNode::new(ControlNode::new());
+        let (handler, alarm) = RequestHandler::power_up(DEVICE, FlashSlots::new(flash), &node);
+        Self { node, handler, alarm, filter: RepeatFilter::default(), next_id: 1, tick: 0 }
     }
 
-    pub(super) fn ask_as(&mut self, id: u32, request: &Request<'_>) -> Reply<'static> {
-        let figures = BoardFigures::default();
-        self.desk.answer(id, request, &self.pilot, &LineCounts::ZERO, &figures)
+    pub(super) fn flash(&self) -> &F {
+        self.handler.store().flash()
     }
 
-    pub(super) fn ask(&mut self, request: &Request<'_>) -> Reply<'static> {
+    pub(super) fn ask_as(&mut self, id: u32, request: &Request<'_>) -> Reply<'_> {
+        let Self { node, handler, filter, .. } = self;
+        let device = DeviceCounts::default();
+        filter.answer(id, request, handler, node, &LineCounts::ZERO, &device)
+    }
+
+    pub(super) fn ask(&mut self, request: &Request<'_>) -> Reply<'_> {
         self.next_id += 1;
         self.ask_as(self.next_id, request)
     }
 
-    pub(super) fn order(&mut self, request: &Request<'_>) -> Result<(), Refusal> {
+    pub(super) fn order(&mut self, request: &Request<'_>) -> Result<(), RequestError> {
         match self.ask(request) {
             Reply::Done => Ok(()),
             Reply::Refused(refusal) => Err(refusal),
@@ -101,14 +108,14 @@ impl<F: PolicyFlash> Rig<F> {
         }
     }
 
-    pub(super) fn statistics(&mut self) -> Statistics {
-        match self.ask(&Request::Statistics) {
-            Reply::Statistics(statistics) => statistics,
+    pub(super) fn counts(&mut self) -> RunCounts {
+        match self.ask(&Request::Status) {
+            Reply::Status(status) => status.run.counts,
             other => panic!("{other:?}"),
         }
     }
 
-    pub(super) fn slots(&mut self) -> [SlotReport<'static>; 2] {
+    pub(super) fn slots(&mut self) -> [SlotReport<'_>; 2] {
         match self.ask(&Request::Slots) {
             Reply::Slots(slots) => slots,
             other => panic!("{other:?}"),
@@ -116,30 +123,30 @@ impl<F: PolicyFlash> Rig<F> {
     }
 
     pub(super) fn running(&self) -> Option<PolicyReport<'static>> {
-        self.pilot.with(|pilot| pilot.report())
+        self.node.with(|node| node.report())
     }
 
     pub(super) fn name(&self) -> &'static str {
         self.running().map_or("", |report| report.name)
     }
 
-    pub(super) fn begin(&mut self, blob: &[u8]) -> Result<(), Refusal> {
-        self.order(&Request::Begin { length: blob.len() as u32, crc32: crc32_of(blob) })
+    pub(super) fn begin(&mut self, blob: &[u8]) -> Result<(), RequestError> {
+        self.order(&Request::Begin { length: blob.len() as u32, crc32: crc32_of(blob), origin: "" })
     }
 
     /// One chunk of the blob; the chunks are numbered from 0.
-    pub(super) fn chunk(&mut self, blob: &[u8], number: usize) -> Result<(), Refusal> {
+    pub(super) fn chunk(&mut self, blob: &[u8], number: usize) -> Result<(), RequestError> {
         let offset = (number * MAX_CHUNK) as u32;
         let bytes = blob.chunks(MAX_CHUNK).nth(number).unwrap();
         self.order(&Request::Chunk { offset, bytes })
     }
 
-    pub(super) fn send(&mut self, blob: &[u8]) -> Result<(), Refusal> {
+    pub(super) fn send(&mut self, blob: &[u8]) -> Result<(), RequestError> {
         self.begin(blob)?;
         (0..blob.len().div_ceil(MAX_CHUNK)).try_for_each(|number| self.chunk(blob, number))
     }
 
-    pub(super) fn upload(&mut self, blob: &[u8]) -> Result<(), Refusal> {
+    pub(super) fn upload(&mut self, blob: &[u8]) -> Result<(), RequestError> {
         self.send(blob)?;
         self.order(&Request::Verify)?;
         self.order(&Request::Commit)
@@ -155,7 +162,7 @@ impl<F: PolicyFlash> Rig<F> {
     pub(super) fn tick(&mut self) -> Command {
         self.tick += 1;
         let tick = self.tick;
-        self.pilot.with(|pilot| pilot.sample(tick as u32, &hopping(tick - 1))).unwrap()
+        self.node.with(|node| node.sample(tick as u32, &hopping(tick - 1))).unwrap()
     }
 
     pub(super) fn ticks(&mut self, ticks: u64) -> Command {
@@ -163,9 +170,9 @@ impl<F: PolicyFlash> Rig<F> {
     }
 }
 
-impl<F: PolicyFlash + Clone> Rig<F> {
+impl<F: MappedFlash + Clone> Rig<F> {
     /// The power goes, and comes back.
     pub(super) fn power_cycled(&self) -> Self {
-        Self::power_up(self.desk.flash().clone())
+        Self::power_up(self.flash().clone())
     }
 }

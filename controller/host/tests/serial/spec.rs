@@ -4,10 +4,12 @@ use leg_control::checksum::crc32;
 use leg_control::serial::PROTOCOL_VERSION;
 use leg_control::serial::frame::{MAX_FRAME, decode, encode};
 use leg_control::serial::message::{
-    Alarm, BlobFault, Crash, Identity, LineCounts, MAX_CHUNK, MAX_NAME, Mode, PolicyReport,
-    Refusal, Reply, Request, Slot, SlotFault, SlotReport, Statistics, ToController, ToHost,
+    Activity, Alarm, BlobError, Crash, DeviceCounts, Identity, LineCounts, MAX_CHUNK, MAX_NAME,
+    MAX_ORIGIN, Mode, PolicyReport, RejectCounts, Reply, Request, RequestError, RunCounts,
+    RunStatus, RunTick, Slot, SlotError, SlotReport, Status, ToController, ToHost,
 };
-use leg_control::serial::slots::{self, PolicyFlash, SEAL_LEN};
+use leg_control::serial::slots::{FlashSlots, SEAL_LEN};
+use leg_control::serial::store::PolicyStore;
 use leg_control::wire::{Command, Header, Sample};
 use leg_host::flash::MemoryFlash;
 use serde::{Deserialize, Serialize};
@@ -23,6 +25,10 @@ const HEADER: Header = Header {
 /// As long as a name gets; and another.
 const NAME: &str = "a-name-of-forty-eight-bytes-as-long-as-it-may-be";
 const OTHER: &str = "z-name-of-forty-eight-bytes-as-long-as-it-may-be";
+const ORIGIN: &str = match str::from_utf8(&[b'o'; MAX_ORIGIN]) {
+    Ok(text) => text,
+    Err(_) => "",
+};
 const CHUNK: [u8; MAX_CHUNK] = {
     let mut bytes = [0; MAX_CHUNK];
     let mut i = 0;
@@ -39,13 +45,15 @@ fn requests() -> Vec<Request<'static>> {
         Request::Reset { session: 0xfedc_ba98, rate_hz: 1_000, gravity_m_s2: 1.625 },
         Request::SetMode(Mode::Live),
         Request::SetPoint(Some(-0.75)),
-        Request::Statistics,
+        Request::Status,
         Request::Slots,
-        Request::Begin { length: 13_188, crc32: 0x8765_4321 },
+        Request::Begin { length: 13_188, crc32: 0x8765_4321, origin: ORIGIN },
         Request::Chunk { offset: u32::MAX, bytes: &CHUNK },
         Request::Verify,
         Request::Commit,
         Request::RollBack,
+        Request::Read { crc32: 0x7654_3210, offset: u32::MAX },
+        Request::Report { offset: u32::MAX },
     ]
 }
 
@@ -74,14 +82,27 @@ fn replies() -> Vec<Reply<'static>> {
         unknown: 0xf600_0000,
         resyncs: 0xf700_0000,
     };
-    let statistics = Statistics {
-        line,
-        ticks: 0xf800_0000,
-        missed: 0xf900_0000,
-        overwritten: 0xfa00_0000,
-        overruns: 0xfb00_0000,
-        repeated: 0xfc00_0000,
-        swaps: 0xfd00_0000,
+    let run = RunStatus {
+        activity: Activity::Running,
+        last: Some(RunTick { run_id: 0xe100_0000, seq: u64::MAX }),
+        pending: Some(Slot::B),
+        counts: RunCounts {
+            ticks: u64::MAX - 1,
+            missed: u64::MAX - 2,
+            overwritten: 0xfa00_0000,
+            overruns: 0xfb00_0000,
+            repeated: 0xfc00_0000,
+            swaps: 0xfd00_0000,
+        },
+        apexes: 0xe200_0000,
+        rejected: RejectCounts {
+            ticks: 0xe300_0000,
+            missing: 0xe400_0000,
+            stale: 0xe500_0000,
+            safe_entered: 0xe600_0000,
+        },
+    };
+    let device = DeviceCounts {
         unsent: 0xfe00_0000,
         lost_bytes: 0xff00_0000,
         stack_used: 0xff10_0000,
@@ -95,68 +116,76 @@ fn replies() -> Vec<Reply<'static>> {
     vec![
         Reply::Identity(identity),
         Reply::Done,
-        Reply::Statistics(statistics),
+        Reply::Status(Status { run, line, device }),
         Reply::Slots([slot(NAME), slot(OTHER)]),
-        Reply::Refused(Refusal::Rate { least: 50, most: 20_000 }),
+        Reply::Refused(RequestError::Rate { least: 50, most: 20_000 }),
+        Reply::Bytes(&CHUNK),
     ]
 }
 
-fn blob_faults() -> Vec<BlobFault> {
+fn blob_faults() -> Vec<BlobError> {
     vec![
-        BlobFault::TooShort,
-        BlobFault::TooLong,
-        BlobFault::Magic,
-        BlobFault::Version(0x0203),
-        BlobFault::Crc,
-        BlobFault::Malformed,
-        BlobFault::Misaligned,
-        BlobFault::Shape,
-        BlobFault::NonFinite,
-        BlobFault::OutOfRange,
-        BlobFault::TooFewTestVectors,
-        BlobFault::TestVector(11),
+        BlobError::TooShort,
+        BlobError::TooLong,
+        BlobError::Magic,
+        BlobError::Version(0x0203),
+        BlobError::Crc,
+        BlobError::Malformed,
+        BlobError::Misaligned,
+        BlobError::Shape,
+        BlobError::NonFinite,
+        BlobError::OutOfRange,
+        BlobError::TooFewTestVectors,
+        BlobError::TestVector(11),
     ]
 }
 
-fn slot_faults() -> Vec<SlotFault> {
+fn slot_faults() -> Vec<SlotError> {
     vec![
-        SlotFault::Empty,
-        SlotFault::Unfinished,
-        SlotFault::BadSeal,
-        SlotFault::RolledBack,
-        SlotFault::Blob(BlobFault::TestVector(3)),
+        SlotError::Empty,
+        SlotError::Unfinished,
+        SlotError::BadSeal,
+        SlotError::RolledBack,
+        SlotError::Blob(BlobError::TestVector(3)),
     ]
 }
 
-fn refusals() -> Vec<Refusal> {
+fn refusals() -> Vec<RequestError> {
     vec![
-        Refusal::Rate { least: 50, most: 20_000 },
-        Refusal::Gravity,
-        Refusal::SetPoint { most_m_s: 50.0 },
-        Refusal::NoPolicy,
-        Refusal::TooLong { room: 16_352 },
-        Refusal::SwapPending,
-        Refusal::EraseWouldStall,
-        Refusal::NotBegun,
-        Refusal::Offset { expected: 192 },
-        Refusal::Incomplete { received: 384, length: 13_188 },
-        Refusal::WrongBlob { crc32: 0x0bad_f00d },
-        Refusal::Blob(BlobFault::Version(7)),
-        Refusal::NothingToRollBackTo(SlotFault::RolledBack),
-        Refusal::Flash,
-        Refusal::InSession,
+        RequestError::Rate { least: 50, most: 20_000 },
+        RequestError::Gravity,
+        RequestError::SetPoint { most_m_s: 50.0 },
+        RequestError::NoPolicy,
+        RequestError::TooLong { room: 16_352 },
+        RequestError::SwapPending,
+        RequestError::EraseWouldStall,
+        RequestError::NotBegun,
+        RequestError::Offset { expected: 192 },
+        RequestError::Incomplete { received: 384, length: 13_188 },
+        RequestError::WrongBlob { crc32: 0x0bad_f00d },
+        RequestError::Blob(BlobError::Version(7)),
+        RequestError::NothingToRollBackTo(SlotError::RolledBack),
+        RequestError::Flash,
+        RequestError::InSession,
+        RequestError::Unsupported,
+        RequestError::NotFound,
+        RequestError::Busy,
     ]
 }
 
 fn alarms() -> Vec<Alarm> {
     vec![
-        Alarm::NoPolicy { a: SlotFault::Empty, b: SlotFault::Blob(BlobFault::Crc) },
+        Alarm::NoPolicy { a: SlotError::Empty, b: SlotError::Blob(BlobError::Crc) },
         Alarm::Crash(Crash::HardFault { pc: 0x0800_1235 }),
     ]
 }
 
 fn crashes() -> Vec<Crash> {
     vec![Crash::Panic { line: 421 }, Crash::HardFault { pc: 0x0800_1235 }]
+}
+
+fn activities() -> Vec<Activity> {
+    vec![Activity::Waiting, Activity::Safe, Activity::Running]
 }
 
 fn slots_of_a_board() -> Vec<Slot> {
@@ -195,17 +224,17 @@ fn command() -> Command {
 /// it gets.
 pub(super) fn examples() -> (Vec<ToController<'static>>, Vec<ToHost<'static>>) {
     let id = u32::MAX;
-    let mut to_controller = vec![ToController::Sample { turn: 0xe1e2_e3e4, sample: sample() }];
+    let mut to_controller = vec![ToController::Sample { seq: 0xe1e2_e3e4, sample: sample() }];
     let request = |request| ToController::Request { id, request };
     to_controller.extend(requests().into_iter().map(request));
     to_controller.extend(modes().into_iter().map(|mode| request(Request::SetMode(mode))));
     to_controller.push(request(Request::SetPoint(None)));
 
-    let mut to_host = vec![ToHost::Command { turn: 0xe5e6_e7e8, command: command() }];
+    let mut to_host = vec![ToHost::Command { seq: 0xe5e6_e7e8, command: command() }];
     let reply = |reply| ToHost::Reply { id, reply };
     to_host.extend(replies().into_iter().map(reply));
     to_host.extend(refusals().into_iter().map(|refusal| reply(Reply::Refused(refusal))));
-    let blob = |fault| reply(Reply::Refused(Refusal::Blob(fault)));
+    let blob = |fault| reply(Reply::Refused(RequestError::Blob(fault)));
     to_host.extend(blob_faults().into_iter().map(blob));
     let slot = |fault| SlotReport { sequence: 5, running: false, content: Err(fault) };
     to_host.extend(slot_faults().into_iter().map(|f| reply(Reply::Slots([slot(f), slot(f)]))));
@@ -223,6 +252,18 @@ pub(super) fn examples() -> (Vec<ToController<'static>>, Vec<ToHost<'static>>) {
         };
         to_host.push(reply(Reply::Identity(identity)));
         to_host.push(reply(Reply::Identity(Identity { policy: None, ..identity })));
+    }
+    for activity in activities() {
+        let run = RunStatus {
+            activity,
+            last: None,
+            pending: None,
+            counts: RunCounts::default(),
+            apexes: 0,
+            rejected: RejectCounts::default(),
+        };
+        let (line, device) = (LineCounts::ZERO, DeviceCounts::default());
+        to_host.push(reply(Reply::Status(Status { run, line, device })));
     }
     to_host.extend(alarms().into_iter().map(ToHost::Alarm));
     to_host.extend(crashes().into_iter().map(|crash| ToHost::Alarm(Alarm::Crash(crash))));
@@ -273,6 +314,7 @@ fn there_is_an_example_of_every_variant() {
     all_variants(&refusals());
     all_variants(&alarms());
     all_variants(&crashes());
+    all_variants(&activities());
     all_variants(&slots_of_a_board());
     all_borrowed_variants!(Request, requests());
     all_borrowed_variants!(Reply, replies());
@@ -284,12 +326,12 @@ fn there_is_an_example_of_every_variant() {
 
 /// The seal of a slot with all its words written.
 fn seal() -> Vec<u8> {
-    let mut flash = MemoryFlash::with_slot_len(128);
-    slots::open(&mut flash, Slot::A).unwrap();
-    slots::write(&mut flash, Slot::A, 4, &[1, 2, 3, 4, 5]).unwrap();
-    slots::seal(&mut flash, Slot::A, 9, 0x1234_5678).unwrap();
-    slots::revoke(&mut flash, Slot::A).unwrap();
-    let slot = flash.bytes(Slot::A);
+    let mut store = FlashSlots::new(MemoryFlash::with_slot_len(128));
+    store.begin(Slot::A, 9, "").unwrap();
+    store.write(Slot::A, 4, &[1, 2, 3, 4, 5]).unwrap();
+    store.commit(Slot::A, 9, 0x1234_5678).unwrap();
+    store.revoke(Slot::A).unwrap();
+    let slot = store.bytes(Slot::A);
     slot[slot.len() - SEAL_LEN..].to_vec()
 }
 

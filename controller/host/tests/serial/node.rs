@@ -1,10 +1,10 @@
-//! The pilot in its three modes.
+//! The node in its three modes.
 
 use crate::rig::{HOP_TICKS, Rig, factory, hopping, is_safe, small_blob};
 use leg_control::config::Config;
 use leg_control::policy::Policy;
 use leg_control::serial::message::{Mode, Request};
-use leg_control::serial::pilot::{Pilot, SharedPilot};
+use leg_control::serial::node::{ControlNode, SharedNode};
 use leg_control::wire::{Command, Header, WIRE_VERSION, flags};
 use leg_control::wire_controller::WireController;
 use leg_host::flash::MemoryFlash;
@@ -40,11 +40,11 @@ fn bare_controller(blob: &[u8]) -> WireController<'static> {
 }
 
 #[test]
-fn in_lock_step_each_new_turn_is_a_tick_with_the_bits_of_the_bare_controller() {
+fn in_lock_step_each_new_number_is_a_tick_with_the_bits_of_the_bare_controller() {
     let mut rig = rig(Mode::LockStep);
     let mut bare = bare_controller(&small_blob("one"));
     for k in 0..1_000 {
-        // Bad samples among them, and the last turn again at times.
+        // Bad samples among them, and the last number again at times.
         let mut sample = hopping(k);
         match k % 97 {
             13 => sample.vx_m_s = f32::NAN,
@@ -53,14 +53,14 @@ fn in_lock_step_each_new_turn_is_a_tick_with_the_bits_of_the_bare_controller() {
             _ => {}
         }
         let expected = bare.tick(Some(&sample));
-        let turn = k as u32;
+        let line_seq = k as u32;
         for _ in 0..=u32::from(k % 10 == 0) {
-            let found = rig.pilot.with(|pilot| pilot.sample(turn, &sample)).unwrap();
+            let found = rig.node.with(|node| node.sample(line_seq, &sample)).unwrap();
             assert_eq!((bits(&found), found.header), (bits(&expected), expected.header));
         }
     }
-    let statistics = rig.statistics();
-    assert_eq!((statistics.ticks, statistics.repeated), (1_000, 100));
+    let counts = rig.counts();
+    assert_eq!((counts.ticks, counts.repeated), (1_000, 100));
 }
 
 #[test]
@@ -71,19 +71,19 @@ fn idle_answers_safely_with_the_header_of_the_sample() {
     let header = hopping(HOP_TICKS - 1).header;
     assert_eq!(command.header, Header { version: WIRE_VERSION, flags: flags::SAFE, ..header });
     assert_eq!((command.leg_angle_rad, command.apexes), (core::f32::consts::FRAC_PI_2, 0));
-    assert_eq!(rig.statistics().ticks, 0);
+    assert_eq!(rig.counts().ticks, 0);
 }
 
 #[test]
 fn without_a_policy_every_mode_is_safe() {
-    let mut pilot = Pilot::new();
+    let mut node = ControlNode::new();
     for mode in [Mode::Idle, Mode::LockStep, Mode::Live] {
-        pilot.set_mode(mode);
+        node.set_mode(mode);
         for k in 0..2 * HOP_TICKS {
             let sample = hopping(k);
-            let command = pilot.sample(k as u32, &sample).or_else(|| {
-                let (turn, command) = pilot.live_tick()?;
-                assert_eq!(turn, k as u32);
+            let command = node.sample(k as u32, &sample).or_else(|| {
+                let (line_seq, command) = node.live_tick()?;
+                assert_eq!(line_seq, k as u32);
                 Some(command)
             });
             let command = command.unwrap();
@@ -92,16 +92,16 @@ fn without_a_policy_every_mode_is_safe() {
         }
     }
     // Live, and the samples have stopped.
-    let (turn, command) = pilot.live_tick().unwrap();
+    let (line_seq, command) = node.live_tick().unwrap();
     assert!(is_safe(&command));
-    assert_eq!(u64::from(turn), 2 * HOP_TICKS - 1);
+    assert_eq!(u64::from(line_seq), 2 * HOP_TICKS - 1);
 }
 
 #[test]
 fn live_the_newest_sample_counts_and_what_is_missed_is_counted() {
     let mut rig = rig(Mode::Live);
     let mut bare = bare_controller(&small_blob("one"));
-    assert_eq!(rig.pilot.with(Pilot::live_tick), None, "nothing to answer yet");
+    assert_eq!(rig.node.with(ControlNode::live_tick), None, "nothing to answer yet");
     for k in 0..200_u64 {
         let expected = if k % 50 == 49 {
             bare.tick(None)
@@ -109,33 +109,33 @@ fn live_the_newest_sample_counts_and_what_is_missed_is_counted() {
             if k % 40 == 39 {
                 // One that a newer one overtakes.
                 let late = hopping(2 * k);
-                assert_eq!(rig.pilot.with(|pilot| pilot.sample(5_000, &late)), None);
+                assert_eq!(rig.node.with(|node| node.sample(5_000, &late)), None);
             }
             let sample = hopping(2 * k + 1);
-            assert_eq!(rig.pilot.with(|pilot| pilot.sample(k as u32, &sample)), None);
+            assert_eq!(rig.node.with(|node| node.sample(k as u32, &sample)), None);
             bare.tick(Some(&sample))
         };
-        let (turn, found) = rig.pilot.with(Pilot::live_tick).unwrap();
-        assert_eq!(u64::from(turn), if k % 50 == 49 { k - 1 } else { k });
+        let (line_seq, found) = rig.node.with(ControlNode::live_tick).unwrap();
+        assert_eq!(u64::from(line_seq), if k % 50 == 49 { k - 1 } else { k });
         assert_eq!(bits(&found), bits(&expected), "tick {k}");
     }
-    // The last turn again, when it is answered already: the same answer.
-    let again = rig.pilot.with(|pilot| pilot.sample(198, &hopping(0)));
+    // The last number again, when it is answered already: the same answer.
+    let again = rig.node.with(|node| node.sample(198, &hopping(0)));
     assert_eq!(again.map(|c| c.header.seq), Some(397));
-    let statistics = rig.statistics();
-    assert_eq!((statistics.ticks, statistics.missed), (200, 4));
-    assert_eq!((statistics.overwritten, statistics.repeated), (4, 1));
+    let counts = rig.counts();
+    assert_eq!((counts.ticks, counts.missed), (200, 4));
+    assert_eq!((counts.overwritten, counts.repeated), (4, 1));
 }
 
 #[test]
 fn live_silence_ends_in_the_safe_command() {
     let rig = rig(Mode::Live);
     for k in 0..50 {
-        rig.pilot.with(|pilot| pilot.sample(k, &hopping(u64::from(k))));
-        rig.pilot.with(Pilot::live_tick);
+        rig.node.with(|node| node.sample(k, &hopping(u64::from(k))));
+        rig.node.with(ControlNode::live_tick);
     }
     let silent: Vec<bool> =
-        (0..12).map(|_| is_safe(&rig.pilot.with(Pilot::live_tick).unwrap().1)).collect();
+        (0..12).map(|_| is_safe(&rig.node.with(ControlNode::live_tick).unwrap().1)).collect();
     let first_safe = silent.iter().position(|&safe| safe);
     assert_eq!(first_safe, Some(9), "{silent:?}");
 }
@@ -158,7 +158,7 @@ fn a_reset_is_as_good_as_a_power_up() {
         rig.order(&Request::SetMode(Mode::LockStep)).unwrap();
         let ticks = 0..3 * HOP_TICKS;
         let commands =
-            ticks.map(|k| rig.pilot.with(|pilot| pilot.sample(k as u32, &hopping(k)).unwrap()));
+            ticks.map(|k| rig.node.with(|node| node.sample(k as u32, &hopping(k)).unwrap()));
         commands.map(|command| bits(&command)).collect()
     };
     let mut fresh = rig(Mode::Idle);
@@ -166,8 +166,8 @@ fn a_reset_is_as_good_as_a_power_up() {
     used.ticks(5 * HOP_TICKS / 2);
     used.order(&Request::SetPoint(Some(2.0))).unwrap();
     assert_eq!(run(&mut fresh), run(&mut used));
-    let statistics = used.statistics();
-    assert_eq!((u64::from(statistics.ticks), statistics.swaps), (3 * HOP_TICKS, 0));
+    let counts = used.counts();
+    assert_eq!((counts.ticks, counts.swaps), (3 * HOP_TICKS, 0));
 }
 
 #[test]
@@ -175,8 +175,8 @@ fn a_policy_that_waits_is_in_at_once_when_the_leg_goes_idle() {
     let mut rig = rig(Mode::LockStep);
     rig.ticks(HOP_TICKS / 4);
     rig.upload(&small_blob("two")).unwrap();
-    assert!(rig.pilot.with(|pilot| pilot.swap_is_pending()));
+    assert!(rig.node.with(|node| node.status(None).run.pending.is_some()));
     rig.order(&Request::SetMode(Mode::Idle)).unwrap();
     assert_eq!(rig.name(), "two");
-    assert_eq!(rig.statistics().swaps, 1);
+    assert_eq!(rig.counts().swaps, 1);
 }
