@@ -54,7 +54,10 @@ fn the_timer_ticks_whether_samples_come_or_not_and_counts_what_it_missed() {
     // The emulator's clock may stand still for a while on a busy machine, and
     // catches up: between a tenth and all of the ticks.
     assert!(starved.run.counts.ticks as f64 > 100.0 * seconds, "{starved:?} in {seconds} s");
-    assert!((starved.run.counts.ticks as f64) < 1_200.0 * seconds + 50.0, "{starved:?} in {seconds} s");
+    assert!(
+        (starved.run.counts.ticks as f64) < 1_200.0 * seconds + 50.0,
+        "{starved:?} in {seconds} s"
+    );
     assert!(fed.run.counts.missed > 0 && fed.run.counts.ticks > fed.run.counts.missed, "{fed:?}");
     assert!(starved.run.counts.ticks - fed.run.counts.ticks >= 20, "it stood still");
     assert_eq!(

@@ -71,7 +71,8 @@ fn an_upload_with_any_byte_flipped_leaves_the_policy_running() {
     for at in (0..sibling().len()).step_by(step) {
         let mut blob = sibling().to_vec();
         blob[at] ^= 1 << (at % 8);
-        let announced = Request::Begin { length: blob.len() as u32, crc32: crc32(sibling()), origin: "" };
+        let announced =
+            Request::Begin { length: blob.len() as u32, crc32: crc32(sibling()), origin: "" };
         flashed.client.have_done(&announced).unwrap();
         for chunk in chunks(&blob) {
             flashed.client.have_done(&chunk).unwrap();
@@ -104,7 +105,8 @@ impl Uploading<'_> {
         if self.script.is_empty() {
             self.uploads += 1;
             let blob = self.blobs[self.uploads as usize % 2];
-            let mut script = vec![Request::Begin { length: blob.len() as u32, crc32: crc32(blob), origin: "" }];
+            let mut script =
+                vec![Request::Begin { length: blob.len() as u32, crc32: crc32(blob), origin: "" }];
             script.extend(chunks(blob));
             script.extend([Request::Verify, Request::Commit]);
             script.reverse();
