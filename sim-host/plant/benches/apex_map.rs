@@ -1,8 +1,9 @@
-//! Time of one hop, over the golden cases: `cargo bench -p leg-plant --bench apex_map`.
+//! Measures the time of a hop over the golden cases, and of a tick:
+//! `cargo bench -p leg-plant --bench apex_map`.
 //!
-//! An iteration takes all 1,200 cases, leg and medium prepared; criterion's throughput is
-//! hops per second. `hopper_and_hop` prepares them too, as a trainer with a medium per
-//! episode does. `tick` counts ticks.
+//! An iteration of `apex_map` computes all 1,200 cases; criterion's throughput is hops per second.
+//! `hopper_and_hop` also constructs the `Hopper`, as a trainer with a medium per episode does. An
+//! iteration of `tick` steps 1,000 ticks.
 
 #[path = "../tests/common/mod.rs"]
 mod common;
@@ -48,7 +49,7 @@ fn apex_map(c: &mut Criterion) {
     group.finish();
 }
 
-/// A second of hopping on the spot in ticks of 1 ms, a third of it in stance.
+/// Hops in place for a second in ticks of 1 ms, a third of them in stance.
 fn ticks(c: &mut Criterion) {
     let start = Body { x_m: 0.0, vx_m_s: 0.0, y_m: 1.3, vy_m_s: 0.0 };
     let command =

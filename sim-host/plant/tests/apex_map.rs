@@ -1,4 +1,4 @@
-//! The apex map against an independent integrator and against the source's own data.
+//! The apex map against an independent integrator and against the paper's own data.
 
 mod common;
 
@@ -13,7 +13,7 @@ struct Worst {
 }
 
 impl Worst {
-    fn note(&mut self, line: usize, ours: Option<f64>, golden: Option<f64>) {
+    fn update(&mut self, line: usize, ours: Option<f64>, golden: Option<f64>) {
         let error = match (ours, golden) {
             (Some(ours), Some(golden)) => (ours - golden).abs() / golden.abs().max(1.0),
             (None, None) => 0.0,
@@ -25,13 +25,12 @@ impl Worst {
     }
 }
 
-/// Whether the leg lengthens faster than its rest length in the very moment of touchdown.
+/// Returns true if the leg lengthens faster than its rest length at the instant of touchdown.
 ///
-/// Such a foot does not hold: it lifts off at once, three times, which is a fall. The golden
-/// integrator meets the event exactly at the start of its first step, and whether it sees it
-/// there hangs on the last bit of the leg length; so it reports the lift-off at once in 12 of
-/// these 15 rows (where it agrees), none in the others, and one or three stances. All agree on
-/// the fall.
+/// Such a leg lifts off at once, three times, which is a fall. For the golden integrator the event
+/// is exactly at the start of its first step, and the last bit of the leg length decides whether
+/// it detects it. So it reports the immediate lift-off in 12 of these 15 rows (where it agrees),
+/// none in the others, and one or three stances. All rows agree on the fall.
 fn foot_does_not_hold(hop: &Hop) -> bool {
     hop.touchdown.map(|t| t.t_s) == hop.liftoff_t_s && hop.touchdown.is_some()
 }
@@ -69,10 +68,10 @@ fn golden_cases_agree() {
         ];
         for (i, name) in names.into_iter().enumerate() {
             let golden = row.optional(name);
-            // The one thing that it may be silent on.
-            let silent = name == "t_liftoff" && golden.is_none() && foot_does_not_hold(&hop);
-            if !silent {
-                worst[i].note(line, ours[i], golden);
+            // The only value that the golden integrator may omit.
+            let omitted = name == "t_liftoff" && golden.is_none() && foot_does_not_hold(&hop);
+            if !omitted {
+                worst[i].update(line, ours[i], golden);
             }
         }
     });

@@ -17,10 +17,11 @@ fn hop(
         .hop(Apex { vx_m_s, y_m }, Action { touchdown_angle_rad, elongation_speed_m_s })
 }
 
-fn next(hop: &Hop) -> Option<NextApex> {
+/// Returns the next apex, or rejects the case as a fall.
+fn next(hop: &Hop) -> Result<NextApex, TestCaseError> {
     match hop.outcome {
-        Outcome::Apex(next) => Some(next),
-        Outcome::Fall => None,
+        Outcome::Apex(next) => Ok(next),
+        Outcome::Fall => Err(TestCaseError::reject("a fall")),
     }
 }
 
@@ -28,31 +29,34 @@ proptest! {
     #![proptest_config(ProptestConfig {
         cases: 2000,
         failure_persistence: None,
+        // Every property is checked on 2,000 accepted cases. Five in six random hops on land at
+        // up to 8 m/s are falls; a property fails if more than eight in nine are.
+        max_global_rejects: 16_000,
         ..ProptestConfig::default()
     })]
 
     #[test]
-    fn energy_is_kept_in_vacuum(vx in -8.0..8.0, y in 1.0..9.0, alpha in 0.4..2.7) {
+    fn energy_is_conserved_in_vacuum(vx in -8.0..8.0, y in 1.0..9.0, alpha in 0.4..2.7) {
         // Only the dry mass weighs, but the added mass moves along.
         let energy = |vx: f64, y: f64| 0.5 * vx * vx + 9.81 * 80.0 / 88.0 * y;
-        if let Some(next) = next(&hop(0.0, vx, y, alpha, 0.0)) && !next.in_stance {
-            prop_assert!((energy(next.vx_m_s, next.y_m) - energy(vx, y)).abs() < 1e-8);
-        }
+        let next = next(&hop(0.0, vx, y, alpha, 0.0))?;
+        // In stance a part of the energy is in the spring.
+        prop_assume!(!next.in_stance);
+        prop_assert!((energy(next.vx_m_s, next.y_m) - energy(vx, y)).abs() < 1e-8);
     }
 
     #[test]
-    fn drag_and_an_idle_actuator_only_take_energy(
+    fn drag_without_elongation_never_adds_energy(
         rho in 0.0..1.0, vx in -8.0..8.0, y in 1.0..9.0, alpha in 0.4..2.7,
     ) {
         let net = 9.81 * (80.0 - 62.4 * rho) / 88.0;
         let energy = |vx: f64, y: f64| 0.5 * vx * vx + net * y;
-        if let Some(next) = next(&hop(rho, vx, y, alpha, 0.0)) {
-            prop_assert!(energy(next.vx_m_s, next.y_m) <= energy(vx, y) + 1e-8);
-        }
+        let next = next(&hop(rho, vx, y, alpha, 0.0))?;
+        prop_assert!(energy(next.vx_m_s, next.y_m) <= energy(vx, y) + 1e-8);
     }
 
     #[test]
-    fn left_is_as_good_as_right(
+    fn a_mirrored_start_gives_a_mirrored_hop(
         rho in 0.0..1.0, vx in -6.0..6.0, y in 1.0..9.0, tilt in -0.4..0.4, rs in 0.0..2.0,
     ) {
         // pi is not a float: the angles, and so the hops, differ in the last bits.
@@ -60,29 +64,27 @@ proptest! {
             hop(rho, vx, y, 0.5 * PI + tilt, rs),
             hop(rho, -vx, y, 0.5 * PI - tilt, rs),
         );
-        if let (Some(right), Some(left)) = (next(&right), next(&left)) {
-            prop_assert!((right.vx_m_s + left.vx_m_s).abs() < 1e-7);
-            prop_assert!((right.x_m + left.x_m).abs() < 1e-7);
-            prop_assert!((right.y_m - left.y_m).abs() < 1e-7);
-        }
+        let (right, left) = (next(&right)?, next(&left)?);
+        prop_assert!((right.vx_m_s + left.vx_m_s).abs() < 1e-7);
+        prop_assert!((right.x_m + left.x_m).abs() < 1e-7);
+        prop_assert!((right.y_m - left.y_m).abs() < 1e-7);
     }
 
     #[test]
-    fn the_last_of_the_medium_makes_no_jump(
+    fn a_vanishing_density_converges_to_vacuum(
         exponent in -300.0..-10.0, vx in -3.0..3.0, y in 1.2..5.0, tilt in -0.2..0.2,
         rs in 0.0..2.0,
     ) {
         let thin = hop(10_f64.powf(exponent), vx, y, 0.5 * PI + tilt, rs);
         let vacuum = hop(0.0, vx, y, 0.5 * PI + tilt, rs);
-        if let (Some(thin), Some(vacuum)) = (next(&thin), next(&vacuum)) {
-            prop_assert!((thin.vx_m_s - vacuum.vx_m_s).abs() < 1e-7);
-            prop_assert!((thin.y_m - vacuum.y_m).abs() < 1e-7);
-            prop_assert!((thin.t_s - vacuum.t_s).abs() < 1e-7);
-        }
+        let (thin, vacuum) = (next(&thin)?, next(&vacuum)?);
+        prop_assert!((thin.vx_m_s - vacuum.vx_m_s).abs() < 1e-7);
+        prop_assert!((thin.y_m - vacuum.y_m).abs() < 1e-7);
+        prop_assert!((thin.t_s - vacuum.t_s).abs() < 1e-7);
     }
 
     #[test]
-    fn no_input_panics_or_yields_nonsense(
+    fn no_input_panics_or_gives_a_non_finite_apex(
         rho in prop_oneof![0.0..3.0, Just(0.0), Just(1e300)],
         vx in any::<f64>(), y in any::<f64>(), alpha in any::<f64>(), rs in any::<f64>(),
         tame in any::<[bool; 4]>(),
@@ -90,7 +92,8 @@ proptest! {
         let (vx, y) = (if tame[0] { 1.0 } else { vx }, if tame[1] { 2.0 } else { y });
         let alpha = if tame[2] { 1.5 } else { alpha };
         let rs = if tame[3] { 0.5 } else { rs };
-        if let Some(next) = next(&hop(rho, vx, y, alpha, rs)) {
+        // A fall is an answer here too: no case is rejected.
+        if let Outcome::Apex(next) = hop(rho, vx, y, alpha, rs).outcome {
             for number in [next.t_s, next.x_m, next.vx_m_s, next.y_m] {
                 prop_assert!(number.is_finite());
             }
@@ -98,7 +101,7 @@ proptest! {
     }
 
     #[test]
-    fn the_tolerance_is_kept(
+    fn the_training_tolerance_stays_close_to_the_golden_one(
         rho in 0.0..1.0, vx in -3.0..3.0, y in 1.2..5.0, tilt in -0.2..0.2, rs in 0.0..2.0,
     ) {
         let medium = Medium::new(rho, 9.81).unwrap();
@@ -107,10 +110,9 @@ proptest! {
         let action = Action { touchdown_angle_rad: 0.5 * PI + tilt, elongation_speed_m_s: rs };
         let fine = hopper.hop(start, action);
         let coarse = hopper.with_tolerance(Tolerance::TRAINING).hop(start, action);
-        if let (Some(fine), Some(coarse)) = (next(&fine), next(&coarse)) {
-            prop_assert!((fine.vx_m_s - coarse.vx_m_s).abs() < 1e-4);
-            prop_assert!((fine.y_m - coarse.y_m).abs() < 1e-4);
-        }
+        let (fine, coarse) = (next(&fine)?, next(&coarse)?);
+        prop_assert!((fine.vx_m_s - coarse.vx_m_s).abs() < 1e-4);
+        prop_assert!((fine.y_m - coarse.y_m).abs() < 1e-4);
     }
 }
 
@@ -125,7 +127,7 @@ fn a_floating_leg_never_comes_down() {
 }
 
 #[test]
-fn the_crab_hops() {
+fn the_crab_preset_hops() {
     let crab = Leg::crab();
     let hopper = Hopper::new(&crab, Medium::WATER);
     let start = Apex { vx_m_s: 0.05, y_m: 0.06 };

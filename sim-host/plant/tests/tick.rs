@@ -1,4 +1,4 @@
-//! The tick-level plant under the ideal command, against the apex map.
+//! The tick-level plant: against the apex map under the equivalent command, and by itself.
 
 mod common;
 
@@ -9,7 +9,7 @@ use leg_plant::{
     Body, Event, EventKind, Flat, Hop, Leg, LegCommand, Medium, NextApex, Outcome, Phase, TickPlant,
 };
 
-/// What a run of ticks came to.
+/// End of a run of ticks.
 #[derive(Debug)]
 enum End {
     Apex(NextApex),
@@ -17,8 +17,8 @@ enum End {
     SecondTouchdown,
 }
 
-/// Drives the tick plant as the apex map's action does: the angle held, the ramp from
-/// touchdown on.
+/// Drives the tick plant by the command that is equivalent to the apex map's action: the angle is
+/// held and the elongation passes 0 at touchdown.
 fn drive(case: &Case, hop: &Hop, dt_s: f64) -> End {
     let start = Body { x_m: 0.0, vx_m_s: case.start.vx_m_s, y_m: case.start.y_m, vy_m_s: 0.0 };
     let mut plant = TickPlant::new(case.leg, start);
@@ -72,7 +72,7 @@ fn drive(case: &Case, hop: &Hop, dt_s: f64) -> End {
 }
 
 #[test]
-fn the_ideal_command_reproduces_the_apex_map() {
+fn the_equivalent_command_reproduces_the_apex_map() {
     for (dt_s, every) in [(1e-3, 1), (2.5e-4, 4), (0.013, 1), (0.4, 1), (30.0, 1)] {
         let (mut worst, mut compared) = (0.0_f64, 0);
         for_each_row(GOLDEN, |row| {
@@ -105,8 +105,8 @@ fn the_ideal_command_reproduces_the_apex_map() {
     }
 }
 
-/// A leg at rest above the ground.
-fn hanging(y_m: f64) -> TickPlant {
+/// Creates a leg at rest above the ground.
+fn at_rest(y_m: f64) -> TickPlant {
     let body = Body { x_m: 0.0, vx_m_s: 0.0, y_m, vy_m_s: 0.0 };
     TickPlant::new(Leg::human(), body)
 }
@@ -117,7 +117,7 @@ fn hold(leg_angle_rad: f64) -> LegCommand {
 
 #[test]
 fn a_hop_within_one_tick_has_all_its_events_in_order() {
-    let events = hanging(2.0).step(1.2, hold(FRAC_PI_2), Medium::AIR, &Flat);
+    let events = at_rest(2.0).step(1.2, hold(FRAC_PI_2), Medium::AIR, &Flat);
     let kinds: Vec<_> = events.iter().map(|e| e.kind).collect();
     assert!(matches!(
         kinds[..],
@@ -129,7 +129,7 @@ fn a_hop_within_one_tick_has_all_its_events_in_order() {
 #[test]
 fn the_ground_stops_a_swing() {
     // Flat out, the foot is clear; swung down, it would be 0.1 m deep.
-    let mut plant = hanging(0.9);
+    let mut plant = at_rest(0.9);
     assert!(plant.step(0.01, hold(0.1), Medium::AIR, &Flat).is_empty());
     let events = plant.step(0.01, hold(FRAC_PI_2), Medium::AIR, &Flat);
     let EventKind::Touchdown { foot_x_m, foot_y_m } = events[0].kind else { panic!("{events:?}") };
@@ -140,24 +140,24 @@ fn the_ground_stops_a_swing() {
 }
 
 #[test]
-fn a_foot_below_the_ground_bears_nothing() {
+fn a_foot_below_the_ground_carries_no_load() {
     // As in the apex map: too low for the leg, so it falls.
-    let mut plant = hanging(0.9);
+    let mut plant = at_rest(0.9);
     let events = plant.step(1.0, hold(FRAC_PI_2), Medium::AIR, &Flat);
     assert!(matches!(events[..], [Event { kind: EventKind::Fall, .. }]));
     // The added mass moves along, in air too.
     let gravity_m_s2: f64 = 9.81 * 80.0 / 88.0;
     assert!((events[0].t_s - (2.0 * 0.9 / gravity_m_s2).sqrt()).abs() < 1e-12);
     assert_eq!(plant.phase(), Phase::Fallen);
-    let lies = plant.body();
+    let fallen = plant.body();
     assert!(plant.step(1.0, hold(0.1), Medium::AIR, &Flat).is_empty());
-    assert_eq!(plant.body(), lies);
+    assert_eq!(plant.body(), fallen);
 }
 
 #[test]
 fn the_foot_lands_on_a_slope() {
     let slope = |x_m: f64| 0.2 + 0.1 * x_m;
-    let mut plant = hanging(2.0);
+    let mut plant = at_rest(2.0);
     let events = plant.step(0.6, hold(2.0), Medium::AIR, &slope);
     let EventKind::Touchdown { foot_x_m, foot_y_m } = events[0].kind else { panic!("{events:?}") };
     assert!((foot_y_m - slope(foot_x_m)).abs() < 1e-12);
@@ -166,7 +166,7 @@ fn the_foot_lands_on_a_slope() {
 #[test]
 fn a_floating_leg_rises_for_ever() {
     let brine = Medium::new(2.0, 9.81).unwrap();
-    let mut plant = hanging(1.5);
+    let mut plant = at_rest(1.5);
     for _ in 0..1000 {
         assert!(plant.step(0.01, hold(1.5), brine, &Flat).is_empty());
     }
@@ -174,11 +174,11 @@ fn a_floating_leg_rises_for_ever() {
 }
 
 #[test]
-fn senseless_input_neither_panics_nor_hangs() {
+fn no_input_panics_or_hangs() {
     let odd = [f64::NAN, f64::INFINITY, -1e300, 1e300, 0.0, -0.0, 1e-310];
     for a in odd {
         for b in odd {
-            let mut plant = hanging(1.2);
+            let mut plant = at_rest(1.2);
             let command = LegCommand { leg_angle_rad: a, elongation_m: b, elongation_rate_m_s: a };
             for dt_s in [0.0, f64::NAN, 0.05, 0.3, 1e9] {
                 plant.step(dt_s, command, Medium::WATER, &Flat);

@@ -1,4 +1,4 @@
-//! Reads the golden cases and the published transitions.
+//! Reads the golden cases and the paper's published transitions.
 #![allow(dead_code, unreachable_pub, missing_docs)] // Each test takes what it needs.
 
 use leg_plant::{Action, Apex, EARTH_GRAVITY_M_S2, Hop, Hopper, Leg, Medium};
