@@ -3,7 +3,10 @@
 //!
 //! They hold only integers and floats: a peer can send any bits, and there must be no
 //! bits that are not a value. Copy a message out, let [`crate::wire_controller`] check
-//! it, then use it. Every struct is `#[repr(C)]` without padding; sizes are asserted.
+//! it, then use it. Every struct is `#[repr(C)]` without padding, which `Pod` checks; sizes
+//! are asserted.
+
+use bytemuck::{Pod, Zeroable};
 
 use crate::command::{LegCommand, Output};
 use crate::guard::Counts;
@@ -31,7 +34,7 @@ pub mod flags {
 
 /// What every message starts with.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable, Serialize, Deserialize)]
 pub struct Header {
     /// [`WIRE_VERSION`] of the sender.
     pub version: u16,
@@ -47,7 +50,7 @@ pub struct Header {
 
 /// What the leg feels at a tick, and the speed that it is asked to keep.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable, Serialize, Deserialize)]
 pub struct Sample {
     /// Version, flags, run id, tick and time.
     pub header: Header,
@@ -140,7 +143,7 @@ impl Sample {
 /// `r0 + clamp(elongation_m + elongation_rate_m_s * s, 0, dr)`, `s` seconds
 /// after the tick: a ramp that may start inside a tick, from below zero.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable, Serialize, Deserialize)]
 pub struct Command {
     /// Version, flags, run id, and the tick and time of the answered sample.
     pub header: Header,

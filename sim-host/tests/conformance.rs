@@ -310,7 +310,7 @@ use leg_host::shm::{ShmController, ShmLeg};
 use leg_host::{SessionParams, memory};
 use leg_process::Stop;
 use sim_host::faults::stage::message::{Corrupt, Delay, Drop, Duplicate, Freeze, Ice, Reorder};
-use sim_host::faults::stage::{Chain, Dice, Faulty, OnTheWire, Plan, Window};
+use sim_host::faults::stage::{Chain, Dice, Faulty, WireMessage, Plan, Window};
 
 #[test]
 fn within_a_process() {
@@ -322,7 +322,7 @@ fn within_a_process() {
 
 /// Every fault of messages, none of which acts: by its window, or by its figures.
 fn asleep() -> Plan {
-    fn put<M: OnTheWire>(chain: &mut Chain<M>) {
+    fn put<M: WireMessage>(chain: &mut Chain<M>) {
         let later = Window { from: 1 << 40, until: u64::MAX };
         let dice = || Dice::new(1, 2);
         chain.push(0, later, Box::new(Drop::new(1.0, dice())));

@@ -17,7 +17,7 @@ use std::fmt;
 use crate::faults::stage::actuator::{Lag, Limit, Saturate};
 use crate::faults::stage::message::{Corrupt, Delay, Drop, Duplicate, Freeze, Ice, Reorder};
 use crate::faults::stage::sensor::{ContactNoise, Ill, Reading, Sensor, Stuck, StuckAt};
-use crate::faults::stage::{Chain, Dice, OnTheWire, Plan, Stage, Window};
+use crate::faults::stage::{Chain, Dice, WireMessage, Plan, Stage, Window};
 use serde::Serialize;
 
 pub use catalog::{Kind, help};
@@ -230,7 +230,7 @@ impl WorldCounts {
 }
 
 impl Trouble {
-    fn put<M: OnTheWire>(self, chain: &mut Chain<M>, tag: usize, window: Window, dice: Dice) {
+    fn put<M: WireMessage>(self, chain: &mut Chain<M>, tag: usize, window: Window, dice: Dice) {
         let stage: Box<dyn Stage<M>> = match self {
             Self::Drop(share) => Box::new(Drop::new(share, dice)),
             Self::Delay { ticks, jitter_ticks } => Box::new(Delay::new(ticks, jitter_ticks, dice)),

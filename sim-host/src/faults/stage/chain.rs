@@ -2,7 +2,7 @@
 
 use core::fmt::Debug;
 
-use super::wire::OnTheWire;
+use super::wire::WireMessage;
 use leg_control::wire::{Command, Header, Sample};
 
 /// Ticks since the run's start in which a fault acts.
@@ -154,7 +154,7 @@ impl Clock {
     }
 
     /// Takes in a message's header; whether it is another than the last.
-    pub(super) fn hear<M: OnTheWire>(&mut self, message: &M) -> bool {
+    pub(super) fn hear<M: WireMessage>(&mut self, message: &M) -> bool {
         let header = *message.header();
         if self.last == Some(header) {
             return false;

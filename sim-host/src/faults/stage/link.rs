@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use super::chain::{Chain, Clock, Plan};
-use super::wire::OnTheWire;
+use super::wire::WireMessage;
 use leg_control::wire::flags;
 use leg_host::link::{ControllerLink, LegLink, Link, LinkError};
 
@@ -74,7 +74,7 @@ impl<L: Link> Faulty<L> {
     }
 }
 
-impl<L: Link<Sends: OnTheWire, Receives: OnTheWire>> Faulty<L> {
+impl<L: Link<Sends: WireMessage, Receives: WireMessage>> Faulty<L> {
     /// The answer to what was sent in this tick, whatever it says; `None` when
     /// it has not come in time.
     fn answer(
@@ -96,7 +96,7 @@ impl<L: Link<Sends: OnTheWire, Receives: OnTheWire>> Faulty<L> {
     }
 }
 
-impl<L: Link<Sends: OnTheWire, Receives: OnTheWire>> Link for Faulty<L> {
+impl<L: Link<Sends: WireMessage, Receives: WireMessage>> Link for Faulty<L> {
     type Sends = L::Sends;
     type Receives = L::Receives;
 

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use super::chain::{Now, Passed, Stage};
 use super::dice::Dice;
-use super::wire::OnTheWire;
+use super::wire::WireMessage;
 
 /// Most ticks that [`Delay`] holds a message back, the random ones included.
 pub const MAX_DELAY_TICKS: u32 = 2000;
@@ -24,7 +24,7 @@ impl Drop {
     }
 }
 
-impl<M: OnTheWire> Stage<M> for Drop {
+impl<M: WireMessage> Stage<M> for Drop {
     fn pass(&mut self, now: Now, message: Option<M>) -> Passed<M> {
         if now.active && message.is_some() && self.dice.happens(self.share) {
             Passed::touched(None)
@@ -58,7 +58,7 @@ impl<M> Delay<M> {
     }
 }
 
-impl<M: OnTheWire> Stage<M> for Delay<M> {
+impl<M: WireMessage> Stage<M> for Delay<M> {
     fn pass(&mut self, now: Now, message: Option<M>) -> Passed<M> {
         let mut touched = false;
         if let Some(message) = message {
@@ -101,7 +101,7 @@ impl<M> Duplicate<M> {
     }
 }
 
-impl<M: OnTheWire> Stage<M> for Duplicate<M> {
+impl<M: WireMessage> Stage<M> for Duplicate<M> {
     fn pass(&mut self, now: Now, message: Option<M>) -> Passed<M> {
         if let Some((due, again)) = self.again
             && due <= now.tick
@@ -136,7 +136,7 @@ impl<M> Reorder<M> {
     }
 }
 
-impl<M: OnTheWire> Stage<M> for Reorder<M> {
+impl<M: WireMessage> Stage<M> for Reorder<M> {
     fn pass(&mut self, now: Now, message: Option<M>) -> Passed<M> {
         match (self.overtaken, message) {
             (Some((due, overtaken)), _) if due <= now.tick => {
@@ -168,7 +168,7 @@ impl Corrupt {
     }
 }
 
-impl<M: OnTheWire> Stage<M> for Corrupt {
+impl<M: WireMessage> Stage<M> for Corrupt {
     fn pass(&mut self, now: Now, message: Option<M>) -> Passed<M> {
         let Some(mut message) = message else { return Passed::untouched(None) };
         if !(now.active && self.dice.happens(self.share)) {
@@ -210,7 +210,7 @@ impl<M> Freeze<M> {
     }
 }
 
-impl<M: OnTheWire> Stage<M> for Freeze<M> {
+impl<M: WireMessage> Stage<M> for Freeze<M> {
     fn pass(&mut self, now: Now, message: Option<M>) -> Passed<M> {
         if now.tick >= self.until && now.active && self.dice.happens(self.chance) {
             self.until = now.tick + self.ticks;

@@ -19,12 +19,14 @@ pub mod message;
 pub mod sensor;
 mod stepped;
 mod wire;
+#[cfg(test)]
+mod oldwire;
 
 pub use chain::{Chain, Now, Passed, Plan, Stage, Window};
 pub use dice::Dice;
 pub use link::Faulty;
 pub use stepped::Stepped;
-pub use wire::OnTheWire;
+pub use wire::WireMessage;
 
 #[cfg(test)]
 mod tests;

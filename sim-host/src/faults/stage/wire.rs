@@ -1,91 +1,38 @@
-//! What the faults need to know of a message.
+//! The interface of a message that the fault stages need.
 
 use core::fmt::Debug;
 
+use bytemuck::Pod;
 use leg_control::wire::{Command, Header, Sample};
 
-const HEADER_BITS: u32 = 8 * size_of::<Header>() as u32;
+/// A message that a fault stage can identify and damage.
+pub trait WireMessage: Pod + Debug + Send {
+    /// Number of bits in the message.
+    const BITS: u32 = 8 * size_of::<Self>() as u32;
 
-/// A message that middleware can look at, and damage.
-pub trait OnTheWire: Copy + Debug + Send + 'static {
-    /// Bits of the whole message.
-    const BITS: u32;
-
-    /// Its header.
+    /// Returns the header.
     fn header(&self) -> &Header;
 
-    /// Turns over one bit, counted from the first of the header, field by field
-    /// as the wire has them; one beyond the last does nothing.
-    fn flip(&mut self, bit: u32);
-}
-
-fn flip_in_header(header: &mut Header, bit: u32) {
-    match bit {
-        0..16 => header.version ^= 1 << bit,
-        16..32 => header.flags ^= 1 << (bit - 16),
-        32..64 => header.run_id ^= 1 << (bit - 32),
-        64..128 => header.seq ^= 1 << (bit - 64),
-        128..192 => header.t_ns ^= 1 << (bit - 128),
-        _ => (),
-    }
-}
-
-fn flip_in_figure(figure: &mut f32, bit: u32) {
-    *figure = f32::from_bits(figure.to_bits() ^ 1 << bit);
-}
-
-impl OnTheWire for Sample {
-    const BITS: u32 = 8 * size_of::<Self>() as u32;
-
-    fn header(&self) -> &Header {
-        &self.header
-    }
-
+    /// Inverts one bit of the message in memory order, bit 0 being the lowest bit of the first
+    /// byte. A bit at or beyond [`WireMessage::BITS`] changes nothing.
+    ///
+    /// On a little-endian machine, and on the wire, this counts through the fields in their order,
+    /// each from its lowest bit.
     fn flip(&mut self, bit: u32) {
-        let Some(bit) = bit.checked_sub(HEADER_BITS) else {
-            return flip_in_header(&mut self.header, bit);
-        };
-        let figures = [
-            &mut self.set_point_m_s,
-            &mut self.vx_m_s,
-            &mut self.y_m,
-            &mut self.vy_m_s,
-            &mut self.leg_length_m,
-            &mut self.density_ratio,
-        ];
-        if let Some(figure) = figures.into_iter().nth(bit as usize / 32) {
-            flip_in_figure(figure, bit % 32);
+        if let Some(byte) = bytemuck::bytes_of_mut(self).get_mut(bit as usize / 8) {
+            *byte ^= 1 << (bit % 8);
         }
     }
 }
 
-impl OnTheWire for Command {
-    const BITS: u32 = 8 * size_of::<Self>() as u32;
-
+impl WireMessage for Sample {
     fn header(&self) -> &Header {
         &self.header
     }
+}
 
-    fn flip(&mut self, bit: u32) {
-        let Some(bit) = bit.checked_sub(HEADER_BITS) else {
-            return flip_in_header(&mut self.header, bit);
-        };
-        let figures = [
-            &mut self.leg_angle_rad,
-            &mut self.elongation_m,
-            &mut self.elongation_rate_m_s,
-            &mut self.apex_vx_m_s,
-            &mut self.apex_y_m,
-            &mut self.density_ratio,
-            &mut self.velocity_offset_m_s,
-        ];
-        let counts = [&mut self.apexes, &mut self.rejected, &mut self.set_points_refused];
-        let (word, bit) = (bit as usize / 32, bit % 32);
-        let after = word.checked_sub(figures.len());
-        if let Some(figure) = figures.into_iter().nth(word) {
-            flip_in_figure(figure, bit);
-        } else if let Some(count) = after.and_then(|after| counts.into_iter().nth(after)) {
-            *count ^= 1 << bit;
-        }
+impl WireMessage for Command {
+    fn header(&self) -> &Header {
+        &self.header
     }
 }
