@@ -1,4 +1,4 @@
-//! One suite that every transport passes, bare and behind the fault injector.
+//! Conformance suite of links, which every transport passes, bare and behind fault injection.
 
 use std::sync::{Barrier, mpsc};
 use std::thread;
@@ -7,12 +7,12 @@ use std::time::{Duration, Instant};
 use leg_control::wire::{Command, Header, Sample, WIRE_VERSION, flags};
 use leg_host::{ControllerLink, LegLink, LinkError};
 
-/// Longer than anything here should take.
+/// Timeout that no test should reach.
 const LONG: Duration = Duration::from_secs(10);
 const SHORT: Duration = Duration::from_millis(30);
 
-/// Runs the whole suite. `pair` prepares a new pair of ends, each made in the
-/// thread that will use it (the ends of a shared-memory link stay in theirs).
+/// Runs the whole suite. `pair` prepares a new pair of ends. Each end is created in the thread that
+/// uses it, because the ends of a shared-memory link cannot move between threads.
 fn check<L, C, ML, MC>(pair: impl Fn() -> (ML, MC))
 where
     L: LegLink,
@@ -20,17 +20,17 @@ where
     ML: FnOnce() -> L + Send,
     MC: FnOnce() -> C + Send,
 {
-    every_bit_arrives(&pair);
-    the_newest_wins(&pair);
-    silence_is_not_an_error(&pair);
-    the_last_word_is_heard_then_the_leaving(&pair);
-    a_leaving_controller_is_noticed(&pair);
-    a_message_waits_for_its_reader(&pair);
-    polls_never_wait(&pair);
-    a_plain_link_is_never_settled(&pair);
+    delivers_every_bit(&pair);
+    the_newest_message_replaces_older_ones(&pair);
+    a_timeout_is_not_an_error(&pair);
+    delivers_the_last_message_before_reporting_that_the_peer_left(&pair);
+    reports_that_the_controller_left(&pair);
+    keeps_a_message_until_it_is_received(&pair);
+    polling_never_blocks(&pair);
+    a_plain_link_always_expects_a_reply(&pair);
 }
 
-/// A sample of which every field is different, and differs with `seq`.
+/// Creates a sample in which every field differs, and differs with `seq`.
 fn sample(seq: u64) -> Sample {
     let x = seq as f32;
     Sample {
@@ -50,8 +50,8 @@ fn sample(seq: u64) -> Sample {
     }
 }
 
-/// A command that shows that the whole sample was read.
-fn answer(sample: &Sample) -> Command {
+/// Creates a command that repeats all fields of a sample.
+fn reply(sample: &Sample) -> Command {
     Command {
         header: sample.header,
         leg_angle_rad: sample.set_point_m_s,
@@ -67,13 +67,13 @@ fn answer(sample: &Sample) -> Command {
     }
 }
 
-/// The two ends in two threads.
-fn play<L, C, R: Send>(
+/// Runs the two ends in two threads.
+fn run<L, C, R: Send>(
     pair: (impl FnOnce() -> L + Send, impl FnOnce() -> C + Send),
     leg: impl FnOnce(L) -> R + Send,
     controller: impl FnOnce(C) + Send,
 ) -> R {
-    // Both are connected before either plays: one that comes and goes at once was never there.
+    // Both ends connect before either runs, so that neither leaves before the other has seen it.
     let connected = Barrier::new(2);
     thread::scope(|scope| {
         let controlling = scope.spawn(|| {
@@ -83,19 +83,19 @@ fn play<L, C, R: Send>(
         });
         let end = pair.0();
         connected.wait();
-        let played = leg(end);
+        let result = leg(end);
         controlling.join().expect("the controller's end");
-        played
+        result
     })
 }
 
-fn every_bit_arrives<L: LegLink, C: ControllerLink, ML, MC>(pair: &impl Fn() -> (ML, MC))
+fn delivers_every_bit<L: LegLink, C: ControllerLink, ML, MC>(pair: &impl Fn() -> (ML, MC))
 where
     ML: FnOnce() -> L + Send,
     MC: FnOnce() -> C + Send,
 {
     const TICKS: u64 = 1000;
-    play(
+    run(
         pair(),
         |mut leg| {
             for seq in 0..TICKS {
@@ -105,7 +105,7 @@ where
                 leg.send(&sent).expect("send a sample");
                 let got = leg.receive(LONG).expect("a link").expect("a command");
                 assert_eq!(got.elongation_m.to_bits(), 0x7fc0_1234, "NaN bits");
-                let (mut got, mut want) = (got, answer(&sent));
+                let (mut got, mut want) = (got, reply(&sent));
                 (got.elongation_m, want.elongation_m) = (0.0, 0.0);
                 assert_eq!(got, want, "every field of tick {seq}");
                 assert!(got.velocity_offset_m_s.is_sign_negative(), "sign of zero");
@@ -114,25 +114,26 @@ where
         |mut controller| {
             for _ in 0..TICKS {
                 let got = controller.receive(LONG).expect("a link").expect("a sample");
-                controller.send(&answer(&got)).expect("send a command");
+                controller.send(&reply(&got)).expect("send a command");
             }
         },
     );
 }
 
-fn the_newest_wins<L: LegLink, C: ControllerLink, ML, MC>(pair: &impl Fn() -> (ML, MC))
-where
+fn the_newest_message_replaces_older_ones<L: LegLink, C: ControllerLink, ML, MC>(
+    pair: &impl Fn() -> (ML, MC),
+) where
     ML: FnOnce() -> L + Send,
     MC: FnOnce() -> C + Send,
 {
     let (sent, all_sent) = mpsc::channel();
-    play(
+    run(
         pair(),
         |mut leg| {
             for seq in 0..3 {
                 leg.send(&sample(seq)).expect("send without a reader");
             }
-            sent.send(()).expect("tell");
+            sent.send(()).expect("notify");
             let got = leg.receive(LONG).expect("a link").expect("a command");
             assert_eq!(got.header.seq, 2, "the newest sample was answered");
         },
@@ -142,18 +143,18 @@ where
             assert_eq!(got.header.seq, 2, "the newest replaces what was not taken");
             let more = controller.receive(Duration::ZERO).expect("a link");
             assert_eq!(more, None, "taken once");
-            controller.send(&answer(&got)).expect("send a command");
+            controller.send(&reply(&got)).expect("send a command");
         },
     );
 }
 
-fn silence_is_not_an_error<L: LegLink, C: ControllerLink, ML, MC>(pair: &impl Fn() -> (ML, MC))
+fn a_timeout_is_not_an_error<L: LegLink, C: ControllerLink, ML, MC>(pair: &impl Fn() -> (ML, MC))
 where
     ML: FnOnce() -> L + Send,
     MC: FnOnce() -> C + Send,
 {
     let (done, leg_done) = mpsc::channel();
-    play(
+    run(
         pair(),
         |mut leg| {
             for timeout in [Duration::ZERO, SHORT] {
@@ -161,7 +162,7 @@ where
                 assert_eq!(leg.receive(timeout), Ok(None), "nothing was sent");
                 assert!(start.elapsed() >= timeout, "waits for its whole timeout");
             }
-            done.send(()).expect("tell");
+            done.send(()).expect("notify");
         },
         move |controller| {
             leg_done.recv().expect("the leg waited");
@@ -170,19 +171,24 @@ where
     );
 }
 
-fn the_last_word_is_heard_then_the_leaving<L: LegLink, C: ControllerLink, ML, MC>(
+fn delivers_the_last_message_before_reporting_that_the_peer_left<
+    L: LegLink,
+    C: ControllerLink,
+    ML,
+    MC,
+>(
     pair: &impl Fn() -> (ML, MC),
 ) where
     ML: FnOnce() -> L + Send,
     MC: FnOnce() -> C + Send,
 {
     let (left, leg_left) = mpsc::channel();
-    play(
+    run(
         pair(),
         |mut leg| {
             leg.send(&sample(5)).expect("send");
             drop(leg);
-            left.send(()).expect("tell");
+            left.send(()).expect("notify");
         },
         move |mut controller| {
             leg_left.recv().expect("the leg left");
@@ -190,45 +196,46 @@ fn the_last_word_is_heard_then_the_leaving<L: LegLink, C: ControllerLink, ML, MC
             assert_eq!(got.header.seq, 5, "sent before leaving");
             let start = Instant::now();
             let end = controller.receive(LONG);
-            assert!(matches!(end, Err(LinkError::PeerLeft { .. })), "leaving is noticed: {end:?}");
-            assert!(start.elapsed() < LONG / 2, "leaving is noticed early");
+            assert!(matches!(end, Err(LinkError::PeerLeft { .. })), "reported as left: {end:?}");
+            assert!(start.elapsed() < LONG / 2, "reported before the timeout");
         },
     );
 }
 
-fn a_leaving_controller_is_noticed<L: LegLink, C: ControllerLink, ML, MC>(
+fn reports_that_the_controller_left<L: LegLink, C: ControllerLink, ML, MC>(
     pair: &impl Fn() -> (ML, MC),
 ) where
     ML: FnOnce() -> L + Send,
     MC: FnOnce() -> C + Send,
 {
-    play(
+    run(
         pair(),
         |mut leg| {
             leg.send(&sample(0)).expect("send");
             let got = leg.receive(LONG).expect("a link").expect("a command");
             assert_eq!(got.header.seq, 0);
-            // Nobody may be there to take it; that is for `receive` to tell.
+            // The peer may be gone; only `receive` reports that.
             leg.send(&sample(1)).expect("send");
             let end = leg.receive(LONG);
-            assert!(matches!(end, Err(LinkError::PeerLeft { .. })), "leaving is noticed: {end:?}");
+            assert!(matches!(end, Err(LinkError::PeerLeft { .. })), "reported as left: {end:?}");
         },
         |mut controller| {
             let got = controller.receive(LONG).expect("a link").expect("a sample");
-            controller.send(&answer(&got)).expect("send a command");
+            controller.send(&reply(&got)).expect("send a command");
         },
     );
 }
 
-/// Middleware takes a tick's message when the tick comes, not when it was sent.
-fn a_message_waits_for_its_reader<L: LegLink, C: ControllerLink, ML, MC>(
+/// A message is kept until the reader polls, because middleware takes it at its tick and not when
+/// it was sent.
+fn keeps_a_message_until_it_is_received<L: LegLink, C: ControllerLink, ML, MC>(
     pair: &impl Fn() -> (ML, MC),
 ) where
     ML: FnOnce() -> L + Send,
     MC: FnOnce() -> C + Send,
 {
     let (answered, all_answered) = mpsc::channel();
-    play(
+    run(
         pair(),
         move |mut leg| {
             leg.send(&sample(0)).expect("send");
@@ -242,24 +249,24 @@ fn a_message_waits_for_its_reader<L: LegLink, C: ControllerLink, ML, MC>(
             let got = controller.receive(LONG).expect("a link").expect("a sample");
             for seq in 0..3 {
                 let header = Header { seq, ..got.header };
-                controller.send(&Command { header, ..answer(&got) }).expect("send");
+                controller.send(&Command { header, ..reply(&got) }).expect("send");
             }
-            answered.send(()).expect("tell");
-            // It stays until the leg has looked.
+            answered.send(()).expect("notify");
+            // Stay connected until the leg has polled.
             let _ = controller.receive(LONG);
         },
     );
 }
 
-/// A loop in real time asks once a tick, by a timeout of zero.
-fn polls_never_wait<L: LegLink, C: ControllerLink, ML, MC>(pair: &impl Fn() -> (ML, MC))
+/// A real-time loop polls once a tick, with a timeout of zero.
+fn polling_never_blocks<L: LegLink, C: ControllerLink, ML, MC>(pair: &impl Fn() -> (ML, MC))
 where
     ML: FnOnce() -> L + Send,
     MC: FnOnce() -> C + Send,
 {
     const POLLS: u32 = 100;
     let (done, leg_done) = mpsc::channel();
-    play(
+    run(
         pair(),
         |mut leg| {
             let start = Instant::now();
@@ -267,9 +274,9 @@ where
                 leg.send(&sample(seq.into())).expect("send without a reader");
                 assert_eq!(leg.receive(Duration::ZERO), Ok(None), "nothing was sent");
             }
-            // A busy machine may take a thread away; waiting would take seconds.
+            // A busy machine may suspend a thread; a link that waited would take seconds.
             assert!(start.elapsed() < SHORT * POLLS, "{:?}", start.elapsed());
-            done.send(()).expect("tell");
+            done.send(()).expect("notify");
         },
         move |controller| {
             leg_done.recv().expect("the leg polled");
@@ -278,14 +285,14 @@ where
     );
 }
 
-/// A session in lock-step waits for the answer, unless middleware says otherwise.
-fn a_plain_link_is_never_settled<L: LegLink, C: ControllerLink, ML, MC>(
+/// Only middleware may tell a lock-step session not to wait for a reply.
+fn a_plain_link_always_expects_a_reply<L: LegLink, C: ControllerLink, ML, MC>(
     pair: &impl Fn() -> (ML, MC),
 ) where
     ML: FnOnce() -> L + Send,
     MC: FnOnce() -> C + Send,
 {
-    play(
+    run(
         pair(),
         |mut leg| {
             assert!(!leg.expects_no_reply());
@@ -295,7 +302,7 @@ fn a_plain_link_is_never_settled<L: LegLink, C: ControllerLink, ML, MC>(
         },
         |mut controller| {
             let got = controller.receive(LONG).expect("a link").expect("a sample");
-            controller.send(&answer(&got)).expect("send a command");
+            controller.send(&reply(&got)).expect("send a command");
         },
     );
 }
@@ -309,32 +316,36 @@ use leg_host::serial::{SerialController, SerialLeg};
 use leg_host::shm::{ShmController, ShmLeg};
 use leg_host::{SessionParams, memory};
 use leg_process::Stop;
-use sim_host::faults::stage::message::{Corrupt, Delay, Drop, Duplicate, Freeze, Ice, Reorder};
-use sim_host::faults::stage::{Chain, Dice, Faulty, WireMessage, Plan, Window};
+use sim_host::faults::stage::message::{
+    Corrupt, Delay, Duplicate, Freeze, FreezeMode, Loss, Reorder,
+};
+use sim_host::faults::stage::{
+    FaultPipeline, FaultPlan, FaultRng, FaultyLink, Window, WireMessage,
+};
 
 #[test]
-fn within_a_process() {
+fn in_memory_link_conforms() {
     check(|| {
         let (leg, controller) = memory::pair();
         (move || leg, move || controller)
     });
 }
 
-/// Every fault of messages, none of which acts: by its window, or by its figures.
-fn asleep() -> Plan {
-    fn put<M: WireMessage>(chain: &mut Chain<M>) {
+/// Creates a plan with every fault of messages, none of which acts: by its window or its values.
+fn all_inactive() -> FaultPlan {
+    fn put<M: WireMessage>(pipeline: &mut FaultPipeline<M>) {
         let later = Window { from: 1 << 40, until: u64::MAX };
-        let dice = || Dice::new(1, 2);
-        chain.push(0, later, Box::new(Drop::new(1.0, dice())));
-        chain.push(1, later, Box::new(Delay::new(3, 4, dice())));
-        chain.push(2, later, Box::new(Duplicate::new(1.0, dice())));
-        chain.push(3, later, Box::new(Reorder::new(1.0, dice())));
-        chain.push(4, later, Box::new(Corrupt::new(1.0, 9, dice())));
-        chain.push(5, later, Box::new(Freeze::new(7, 1.0, Ice::Nothing, dice())));
-        chain.push(6, Window::ALWAYS, Box::new(Delay::new(0, 0, dice())));
-        chain.push(7, Window::ALWAYS, Box::new(Drop::new(0.0, dice())));
+        let rng = || FaultRng::new(1, 2);
+        pipeline.push(0, later, Box::new(Loss::new(1.0, rng())));
+        pipeline.push(1, later, Box::new(Delay::new(3, 4, rng())));
+        pipeline.push(2, later, Box::new(Duplicate::new(1.0, rng())));
+        pipeline.push(3, later, Box::new(Reorder::new(1.0, rng())));
+        pipeline.push(4, later, Box::new(Corrupt::new(1.0, 9, rng())));
+        pipeline.push(5, later, Box::new(Freeze::new(7, 1.0, FreezeMode::Nothing, rng())));
+        pipeline.push(6, Window::ALWAYS, Box::new(Delay::new(0, 0, rng())));
+        pipeline.push(7, Window::ALWAYS, Box::new(Loss::new(0.0, rng())));
     }
-    let mut plan = Plan::default();
+    let mut plan = FaultPlan::default();
     put(&mut plan.samples);
     put(&mut plan.commands);
     plan
@@ -348,12 +359,12 @@ where
     ML: FnOnce() -> L + Send,
     MC: FnOnce() -> C + Send,
 {
-    for plan in [Plan::default, asleep] {
+    for plan in [FaultPlan::default, all_inactive] {
         check(|| {
             let (leg, controller) = pair();
             (
-                move || Faulty::at_leg(leg(), plan()),
-                move || Faulty::at_controller(controller(), plan()),
+                move || FaultyLink::at_leg(leg(), plan()),
+                move || FaultyLink::at_controller(controller(), plan()),
             )
         });
     }
@@ -367,12 +378,12 @@ fn serial() -> (impl FnOnce() -> SerialLeg + Send, impl FnOnce() -> SerialContro
 }
 
 #[test]
-fn over_a_serial_line() {
+fn serial_link_conforms() {
     check(serial);
 }
 
 #[test]
-fn through_the_fault_injector_over_any_transport() {
+fn every_transport_conforms_behind_fault_injection() {
     check_wrapped(serial);
     check_wrapped(|| {
         let (leg, controller) = memory::pair();
@@ -393,7 +404,7 @@ fn through_the_fault_injector_over_any_transport() {
 }
 
 #[test]
-fn over_shared_memory() {
+fn shared_memory_link_conforms() {
     let dir = tempfile::tempdir().unwrap();
     let base = dir.path().join("base");
     check(|| {

@@ -1,11 +1,11 @@
-//! The faults that there are, as one table: what is known, and what help says.
+//! The table of all kinds of fault, with the help text.
 
 use std::fmt::Write as _;
 
-/// A kind of fault.
+/// A kind of fault, by the name that users type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs, reason = "each has its row in the table, with its meaning")]
-pub enum Kind {
+#[allow(missing_docs, reason = "the table describes each kind")]
+pub enum FaultKind {
     Drop,
     Delay,
     Jitter,
@@ -25,9 +25,9 @@ pub enum Kind {
     Medium,
 }
 
-/// What is said of a kind.
-pub(super) struct Row {
-    kind: Kind,
+/// Description of a kind for the help text, and its keys.
+pub(super) struct KindInfo {
+    kind: FaultKind,
     name: &'static str,
     value: &'static str,
     pub(super) keys: &'static [&'static str],
@@ -38,164 +38,164 @@ pub(super) struct Row {
 const LINK: &str = "messages";
 const SENSOR: &str = "samples";
 const ACTUATOR: &str = "commands";
-const WORLD: &str = "the leg's world";
+const WORLD: &str = "the leg, the ground and the medium";
 
-const TABLE: [Row; 17] = [
-    Row {
-        kind: Kind::Drop,
+const TABLE: [KindInfo; 17] = [
+    KindInfo {
+        kind: FaultKind::Drop,
         name: "drop",
         value: "share, 0 to 1",
         keys: &["direction", "from", "until"],
         acts: LINK,
-        about: "lost",
+        about: "share of the messages that is lost",
     },
-    Row {
-        kind: Kind::Delay,
+    KindInfo {
+        kind: FaultKind::Delay,
         name: "delay",
         value: "ticks, 0 to 1000",
         keys: &["direction", "from", "until"],
         acts: LINK,
-        about: "arrive so much later",
+        about: "delay of every message",
     },
-    Row {
-        kind: Kind::Jitter,
+    KindInfo {
+        kind: FaultKind::Jitter,
         name: "jitter",
         value: "ticks, 0 to 1000",
         keys: &["direction", "from", "until"],
         acts: LINK,
-        about: "arrive up to so much later, each by a time of its own",
+        about: "largest random delay of a message, drawn for each",
     },
-    Row {
-        kind: Kind::Duplicate,
+    KindInfo {
+        kind: FaultKind::Duplicate,
         name: "duplicate",
         value: "share, 0 to 1",
         keys: &["direction", "from", "until"],
         acts: LINK,
-        about: "arrive again a tick later, in place of the one then",
+        about: "share that arrives a second time a tick later, in place of that tick's message",
     },
-    Row {
-        kind: Kind::Reorder,
+    KindInfo {
+        kind: FaultKind::Reorder,
         name: "reorder",
         value: "share, 0 to 1",
         keys: &["direction", "from", "until"],
         acts: LINK,
-        about: "are overtaken: arrive two ticks later, after the next",
+        about: "share that arrives two ticks late, after the next message",
     },
-    Row {
-        kind: Kind::Corrupt,
+    KindInfo {
+        kind: FaultKind::Corrupt,
         name: "corrupt",
         value: "share, 0 to 1",
         keys: &["bits", "direction", "from", "until"],
         acts: LINK,
-        about: "have bits turned over anywhere (bits=1 to 64, default 1)",
+        about: "share that has bits inverted; bits= sets how many (1 to 64, default 1)",
     },
-    Row {
-        kind: Kind::Freeze,
+    KindInfo {
+        kind: FaultKind::Freeze,
         name: "freeze",
         value: "ticks, 1 to 1000000",
         keys: &["as", "chance", "direction", "from", "until"],
         acts: LINK,
-        about: "for so long only the last one again (as=last) or none (as=nothing); begins at a tick by chance= (0 to 1, default 0.001)",
+        about: "duration in which the last message repeats (as=last, the default) or none arrives (as=nothing); chance= is the probability that a tick starts a freeze (0 to 1, default 0.001)",
     },
-    Row {
-        kind: Kind::Noise,
+    KindInfo {
+        kind: FaultKind::Noise,
         name: "noise",
         value: "m/s or m, 0 to 100",
         keys: &["field", "from", "until"],
         acts: SENSOR,
-        about: "normal noise of this standard deviation; of field=contact the share turned over",
+        about: "standard deviation of normal noise; with field=contact, the share of inverted readings",
     },
-    Row {
-        kind: Kind::Bias,
+    KindInfo {
+        kind: FaultKind::Bias,
         name: "bias",
         value: "m/s or m, -100 to 100",
         keys: &["field", "from", "until"],
         acts: SENSOR,
-        about: "reads so much too high; field= must be said",
+        about: "constant added to the reading; field= is required",
     },
-    Row {
-        kind: Kind::Stuck,
+    KindInfo {
+        kind: FaultKind::Stuck,
         name: "stuck",
         value: "ticks, 1 to 1000000",
         keys: &["chance", "field", "from", "until"],
         acts: SENSOR,
-        about: "reads the same for so long; begins at a tick by chance= (0 to 1, default 0.001)",
+        about: "duration in which the reading does not change; chance= is the probability that a tick starts it (0 to 1, default 0.001)",
     },
-    Row {
-        kind: Kind::Nan,
+    KindInfo {
+        kind: FaultKind::Nan,
         name: "nan",
         value: "share, 0 to 1",
         keys: &["field", "from", "until"],
         acts: SENSOR,
-        about: "reads no number",
+        about: "share of the samples whose reading is NaN",
     },
-    Row {
-        kind: Kind::Lag,
+    KindInfo {
+        kind: FaultKind::Lag,
         name: "lag",
         value: "s, 0 to 10",
         keys: &["from", "until"],
         acts: ACTUATOR,
-        about: "angle and elongation follow with this time constant",
+        about: "time constant with which angle and elongation follow the command",
     },
-    Row {
-        kind: Kind::Saturate,
+    KindInfo {
+        kind: FaultKind::Saturate,
         name: "saturate",
         value: "rad, rad/s or m/s, 0 to 1000",
         keys: &["field", "from", "until"],
         acts: ACTUATOR,
-        about: "most of field=angle (rad from the vertical), angle-rate (rad/s) or elongation-rate (m/s)",
+        about: "limit of field=angle (rad from the vertical), angle-rate (rad/s) or elongation-rate (m/s); field= is required",
     },
-    Row {
-        kind: Kind::Mass,
+    KindInfo {
+        kind: FaultKind::Mass,
         name: "mass",
         value: "factor, 0.1 to 10",
         keys: &[],
         acts: WORLD,
-        about: "the leg weighs so many times what the controller is told",
+        about: "mass of the leg over the mass that the controller is configured for",
     },
-    Row {
-        kind: Kind::Stiffness,
+    KindInfo {
+        kind: FaultKind::Stiffness,
         name: "stiffness",
         value: "factor, 0.1 to 10",
         keys: &[],
         acts: WORLD,
-        about: "its spring is so many times as stiff",
+        about: "stiffness of the spring over the stiffness that the controller is configured for",
     },
-    Row {
-        kind: Kind::Ground,
+    KindInfo {
+        kind: FaultKind::Ground,
         name: "ground",
         value: "steps, slope, sine or rough",
         keys: &["grade", "height", "length"],
         acts: WORLD,
-        about: "uneven: height= of the highest over the lowest (0 to 10 m, default 0.05), length= of a wave or step (0.01 to 1000 m, default 1); slope: grade= (-1 to 1, default 0.05)",
+        about: "uneven ground; height= is the largest difference in height (0 to 10 m, default 0.05), length= the length of a wave or step (0.01 to 1000 m, default 1); a slope has grade= instead (-1 to 1, default 0.05)",
     },
-    Row {
-        kind: Kind::Medium,
+    KindInfo {
+        kind: FaultKind::Medium,
         name: "medium",
         value: "density ratio, 0 to 2",
         keys: &["at", "until"],
         acts: WORLD,
-        about: "all at once this density, at= and until= a time (5s) or a place (12m)",
+        about: "sudden change to this density; at= and until= are a time (5s) or a place (12m)",
     },
 ];
 
-impl Kind {
+impl FaultKind {
     pub(super) fn named(name: &str) -> Option<Self> {
         TABLE.iter().find(|row| row.name == name).map(|row| row.kind)
     }
 
-    pub(super) fn row(self) -> &'static Row {
-        // The table has a row for each, in the order of the variants; a test holds that.
+    pub(super) fn info(self) -> &'static KindInfo {
+        // The table lists the kinds in the order of the variants, as a test checks.
         &TABLE[self as usize]
     }
 
-    /// Its name.
+    /// Returns the name that users type.
     #[must_use]
     pub fn name(self) -> &'static str {
-        self.row().name
+        self.info().name
     }
 
-    /// What is counted of it.
+    /// Returns the noun for the things that [`FaultCount`](super::FaultCount) counts.
     #[must_use]
     pub fn counted(self) -> &'static str {
         match self {
@@ -208,23 +208,23 @@ impl Kind {
     }
 }
 
-/// The names of all kinds.
+/// Lists the names of all kinds.
 pub(super) fn names() -> String {
     TABLE.map(|row| row.name).join(", ")
 }
 
-/// The table, for people.
+/// Returns the table as help text.
 #[must_use]
 pub fn help() -> String {
     let mut text = String::from(
-        "Faults: --fault kind=value[,key=value…], as often as wanted, or in a scenario file\n\
-         [[fault]] with the same names. They act in the order in which they are said.\n\n",
+        "Usage: --fault KIND=VALUE[,KEY=VALUE...]; repeat it for several faults. In a scenario file,\n\
+         write one [[fault]] table per fault with the same names. Faults act in the order given.\n\n",
     );
     let mut last = "";
     for row in &TABLE {
         if row.acts != last {
             last = row.acts;
-            let _ = writeln!(text, "on {last}");
+            let _ = writeln!(text, "Faults of {last}:");
         }
         let _ = writeln!(text, "  {:<10} {:<29} {}", row.name, row.value, row.about);
         if !row.keys.is_empty() {
@@ -233,10 +233,10 @@ pub fn help() -> String {
     }
     text.push_str(
         "\nkeys\n\
-         \x20 direction  samples, commands or both (default)\n\
-         \x20 field      vx, y, vy, leg-length, density (if it is told), contact (noise and stuck), all\n\
-         \x20            (default: the first four)\n\
-         \x20 from, until  time since the start at which it begins and ends, s (5 or 5s)\n",
+         \x20 direction    samples, commands or both (default)\n\
+         \x20 field        vx, y, vy, leg-length, density (if the run has that sensor), contact (noise\n\
+         \x20              and stuck only) or all (default: the first four)\n\
+         \x20 from, until  time at which the fault begins and ends, s from the start (5 or 5s)\n",
     );
     text
 }
@@ -246,10 +246,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_kind_has_its_row() {
+    fn every_kind_is_in_the_table_in_its_order() {
         for (i, row) in TABLE.iter().enumerate() {
             assert_eq!(row.kind as usize, i, "{}", row.name);
-            assert_eq!(Kind::named(row.name), Some(row.kind));
+            assert_eq!(FaultKind::named(row.name), Some(row.kind));
             assert!(help().contains(row.name));
         }
     }

@@ -1,135 +1,138 @@
-//! From what was said to what is done: every value checked.
+//! Checks fault settings and converts them to effects.
 
 use std::fmt::Display;
 use std::ops::RangeInclusive;
 
 use crate::faults::stage::Window;
 use crate::faults::stage::actuator::Limit;
-use crate::faults::stage::message::Ice;
-use crate::faults::stage::sensor::{Ill, Reading, StuckAt};
+use crate::faults::stage::message::FreezeMode;
+use crate::faults::stage::sensor::{Reading, ReadingFault, StuckTarget};
 
-use super::catalog::Kind;
-use super::setting::{BadFault, FaultSetting};
+use super::catalog::FaultKind;
+use super::setting::{FaultError, FaultSetting};
 use super::{
-    ActuatorIll, Direction, Drawn, Fault, Faults, Mark, SensorIll, Terrain, Trouble, What,
+    ActuatorFault, Direction, Fault, FaultEffect, Faults, MessageFault, RandomTerrain, SensorFault,
+    Terrain, Trigger,
 };
 
 const SHARE: RangeInclusive<f64> = 0.0..=1.0;
 const DELAY_TICKS: RangeInclusive<u32> = 0..=1000;
-const STRETCH_TICKS: RangeInclusive<u32> = 1..=1_000_000;
-const USUAL_CHANCE: f64 = 0.001;
-const LATEST_S: f64 = 86_400.0;
-const FARTHEST_M: f64 = 1e6;
+const DURATION_TICKS: RangeInclusive<u32> = 1..=1_000_000;
+const DEFAULT_CHANCE: f64 = 0.001;
+const MAX_TIME_S: f64 = 86_400.0;
+const MAX_PLACE_M: f64 = 1e6;
 
-/// What the run is, as far as it matters here.
-pub(crate) struct Run {
+/// The parameters of a run that faults depend on.
+pub(crate) struct RunParameters {
     pub(crate) seed: u64,
     pub(crate) rate_hz: u32,
     pub(crate) density_is_told: bool,
 }
 
 impl Faults {
-    /// Checks them all.
-    pub(crate) fn check(settings: &[FaultSetting], run: &Run) -> Result<Self, BadFault> {
+    /// Checks all settings.
+    pub(crate) fn check(
+        settings: &[FaultSetting],
+        run: &RunParameters,
+    ) -> Result<Self, FaultError> {
         let mut all = Vec::with_capacity(settings.len());
         let mut grounds = 0;
         for setting in settings {
-            let what = Reader { setting, run }.read()?;
-            grounds += u32::from(matches!(what, What::Ground(_)));
+            let effect = Checker { setting, run }.effect()?;
+            grounds += u32::from(matches!(effect, FaultEffect::Ground(_)));
             if grounds > 1 {
-                return Err(BadFault(format!("{setting}: there can be only one ground")));
+                return Err(FaultError(format!("{setting}: a run can have only one ground fault")));
             }
-            all.push(Fault { setting: setting.clone(), what });
+            all.push(Fault { setting: setting.clone(), effect });
         }
         Ok(Self { all, seed: run.seed, rate_hz: run.rate_hz })
     }
 }
 
-struct Reader<'a> {
+struct Checker<'a> {
     setting: &'a FaultSetting,
-    run: &'a Run,
+    run: &'a RunParameters,
 }
 
-impl Reader<'_> {
-    fn read(&self) -> Result<What, BadFault> {
-        let what = match self.setting.kind {
-            Kind::Drop => self.message(Trouble::Drop(self.share()?)),
-            Kind::Delay => {
+impl Checker<'_> {
+    fn effect(&self) -> Result<FaultEffect, FaultError> {
+        match self.setting.kind {
+            FaultKind::Drop => self.message(MessageFault::Drop(self.share()?)),
+            FaultKind::Delay => {
                 let ticks = self.whole("value", self.value(), DELAY_TICKS)?;
-                self.message(Trouble::Delay { ticks, jitter_ticks: 0 })
+                self.message(MessageFault::Delay { ticks, jitter_ticks: 0 })
             }
-            Kind::Jitter => {
+            FaultKind::Jitter => {
                 let jitter_ticks = self.whole("value", self.value(), DELAY_TICKS)?;
-                self.message(Trouble::Delay { ticks: 0, jitter_ticks })
+                self.message(MessageFault::Delay { ticks: 0, jitter_ticks })
             }
-            Kind::Duplicate => self.message(Trouble::Duplicate(self.share()?)),
-            Kind::Reorder => self.message(Trouble::Reorder(self.share()?)),
-            Kind::Corrupt => {
+            FaultKind::Duplicate => self.message(MessageFault::Duplicate(self.share()?)),
+            FaultKind::Reorder => self.message(MessageFault::Reorder(self.share()?)),
+            FaultKind::Corrupt => {
                 let bits = match self.key("bits") {
                     Some(text) => self.whole("bits", text, 1..=64)?,
                     None => 1,
                 };
-                self.message(Trouble::Corrupt { share: self.share()?, bits })
+                self.message(MessageFault::Corrupt { share: self.share()?, bits })
             }
-            Kind::Freeze => {
-                let ice = match self.key("as") {
-                    Some("last") | None => Ice::Last,
-                    Some("nothing") => Ice::Nothing,
+            FaultKind::Freeze => {
+                let mode = match self.key("as") {
+                    Some("last") | None => FreezeMode::Last,
+                    Some("nothing") => FreezeMode::Nothing,
                     Some(other) => return Err(self.bad("as", other, "it must be last or nothing")),
                 };
-                let ticks = self.whole("value", self.value(), STRETCH_TICKS)?;
-                self.message(Trouble::Freeze { ticks, chance: self.chance()?, ice })
+                let ticks = self.whole("value", self.value(), DURATION_TICKS)?;
+                self.message(MessageFault::Freeze { ticks, chance: self.chance()?, mode })
             }
-            Kind::Noise => match self.field()? {
-                Field::Contact => self.sensor(SensorIll::ContactNoise(self.share()?)),
+            FaultKind::Noise => match self.field()? {
+                Field::Contact => self.sensor(SensorFault::ContactNoise(self.share()?)),
                 Field::Readings(readings) => {
                     let deviation = self.number("value", self.value(), 0.0..=100.0)?;
-                    self.sensor(SensorIll::Readings(readings, Ill::Noise(deviation)))
+                    self.sensor(SensorFault::Readings(readings, ReadingFault::Noise(deviation)))
                 }
             },
-            Kind::Bias => {
+            FaultKind::Bias => {
                 if self.key("field").is_none() {
-                    let what = "field= must be said: each reading has its own unit";
-                    return Err(BadFault(format!("{}: {what}", self.setting)));
+                    let what = "bias needs field=, because each reading has its own unit";
+                    return Err(FaultError(format!("{}: {what}", self.setting)));
                 }
                 let by = self.number("value", self.value(), -100.0..=100.0)?;
-                self.sensor(SensorIll::Readings(self.figures()?, Ill::Bias(by)))
+                self.sensor(SensorFault::Readings(self.readings()?, ReadingFault::Bias(by)))
             }
-            Kind::Nan => {
-                let ill = Ill::NotANumber(self.share()?);
-                self.sensor(SensorIll::Readings(self.figures()?, ill))
+            FaultKind::Nan => {
+                let fault = ReadingFault::NotANumber(self.share()?);
+                self.sensor(SensorFault::Readings(self.readings()?, fault))
             }
-            Kind::Stuck => {
-                let at = match self.field()? {
-                    Field::Contact => StuckAt::Contact,
-                    Field::Readings(readings) => StuckAt::Readings(readings),
+            FaultKind::Stuck => {
+                let target = match self.field()? {
+                    Field::Contact => StuckTarget::Contact,
+                    Field::Readings(readings) => StuckTarget::Readings(readings),
                 };
-                let ticks = self.whole("value", self.value(), STRETCH_TICKS)?;
-                self.sensor(SensorIll::Stuck { at, ticks, chance: self.chance()? })
+                let ticks = self.whole("value", self.value(), DURATION_TICKS)?;
+                self.sensor(SensorFault::Stuck { target, ticks, chance: self.chance()? })
             }
-            Kind::Lag => {
-                self.actuator(ActuatorIll::Lag(self.number("value", self.value(), 0.0..=10.0)?))
+            FaultKind::Lag => {
+                self.actuator(ActuatorFault::Lag(self.number("value", self.value(), 0.0..=10.0)?))
             }
-            Kind::Saturate => {
-                let most = self.number("value", self.value(), 0.0..=1000.0)?;
+            FaultKind::Saturate => {
+                let limit = self.number("value", self.value(), 0.0..=1000.0)?;
                 let limit = match self.key("field") {
-                    Some("angle") => Limit::Angle(most),
-                    Some("angle-rate") => Limit::AngleRate(most),
-                    Some("elongation-rate") => Limit::ElongationRate(most),
+                    Some("angle") => Limit::Angle(limit),
+                    Some("angle-rate") => Limit::AngleRate(limit),
+                    Some("elongation-rate") => Limit::ElongationRate(limit),
                     other => {
-                        let said = other.unwrap_or("nothing");
+                        let given = other.unwrap_or("missing");
                         let what = "it must be angle, angle-rate or elongation-rate";
-                        return Err(self.bad("field", said, what));
+                        return Err(self.bad("field", given, what));
                     }
                 };
-                self.actuator(ActuatorIll::Saturate(limit))
+                self.actuator(ActuatorFault::Saturate(limit))
             }
-            Kind::Mass => Ok(What::Mass(self.factor()?)),
-            Kind::Stiffness => Ok(What::Stiffness(self.factor()?)),
-            Kind::Ground => self.ground(),
-            Kind::Medium => self.medium(),
-        }?;
-        Ok(what)
+            FaultKind::Mass => Ok(FaultEffect::Mass(self.factor()?)),
+            FaultKind::Stiffness => Ok(FaultEffect::Stiffness(self.factor()?)),
+            FaultKind::Ground => self.ground(),
+            FaultKind::Medium => self.medium(),
+        }
     }
 
     fn value(&self) -> &str {
@@ -140,12 +143,12 @@ impl Reader<'_> {
         self.setting.keys.get(name).map(String::as_str)
     }
 
-    fn bad(&self, key: &str, value: impl Display, limit: impl Display) -> BadFault {
+    fn bad(&self, key: &str, value: impl Display, limit: impl Display) -> FaultError {
         let key = if key == "value" { self.setting.kind.name() } else { key };
-        BadFault(format!("{}: {key} is {value}; {limit}", self.setting))
+        FaultError(format!("{}: {key} is {value}; {limit}", self.setting))
     }
 
-    fn number(&self, key: &str, text: &str, range: RangeInclusive<f64>) -> Result<f64, BadFault> {
+    fn number(&self, key: &str, text: &str, range: RangeInclusive<f64>) -> Result<f64, FaultError> {
         let number = text.parse().ok().filter(|number| range.contains(number));
         number.ok_or_else(|| {
             let limit = format!("it must be a number from {} to {}", range.start(), range.end());
@@ -153,7 +156,7 @@ impl Reader<'_> {
         })
     }
 
-    fn whole(&self, key: &str, text: &str, range: RangeInclusive<u32>) -> Result<u32, BadFault> {
+    fn whole(&self, key: &str, text: &str, range: RangeInclusive<u32>) -> Result<u32, FaultError> {
         let number = text.parse().ok().filter(|number| range.contains(number));
         number.ok_or_else(|| {
             let (least, most) = (range.start(), range.end());
@@ -161,23 +164,23 @@ impl Reader<'_> {
         })
     }
 
-    fn share(&self) -> Result<f64, BadFault> {
+    fn share(&self) -> Result<f64, FaultError> {
         self.number("value", self.value(), SHARE)
     }
 
-    fn factor(&self) -> Result<f64, BadFault> {
+    fn factor(&self) -> Result<f64, FaultError> {
         self.number("value", self.value(), 0.1..=10.0)
     }
 
-    fn chance(&self) -> Result<f64, BadFault> {
-        self.key("chance").map_or(Ok(USUAL_CHANCE), |text| self.number("chance", text, SHARE))
+    fn chance(&self) -> Result<f64, FaultError> {
+        self.key("chance").map_or(Ok(DEFAULT_CHANCE), |text| self.number("chance", text, SHARE))
     }
 
-    fn window(&self) -> Result<Window, BadFault> {
+    fn window(&self) -> Result<Window, FaultError> {
         let tick = |key: &str| {
             let Some(text) = self.key(key) else { return Ok(None) };
             let seconds = text.strip_suffix('s').unwrap_or(text);
-            let seconds = self.number(key, seconds, 0.0..=LATEST_S)?;
+            let seconds = self.number(key, seconds, 0.0..=MAX_TIME_S)?;
             Ok(Some((seconds * f64::from(self.run.rate_hz)).ceil() as u64))
         };
         let window = Window {
@@ -185,12 +188,12 @@ impl Reader<'_> {
             until: tick("until")?.unwrap_or(Window::ALWAYS.until),
         };
         if window.from >= window.until {
-            return Err(BadFault(format!("{}: until must be later than from", self.setting)));
+            return Err(FaultError(format!("{}: until must be later than from", self.setting)));
         }
         Ok(window)
     }
 
-    fn message(&self, trouble: Trouble) -> Result<What, BadFault> {
+    fn message(&self, fault: MessageFault) -> Result<FaultEffect, FaultError> {
         let direction = match self.key("direction") {
             Some("samples") => Direction::Samples,
             Some("commands") => Direction::Commands,
@@ -200,18 +203,18 @@ impl Reader<'_> {
                 return Err(self.bad("direction", other, what));
             }
         };
-        Ok(What::Message { direction, trouble, window: self.window()? })
+        Ok(FaultEffect::Message { direction, fault, window: self.window()? })
     }
 
-    fn sensor(&self, ill: SensorIll) -> Result<What, BadFault> {
-        Ok(What::Sensor { ill, window: self.window()? })
+    fn sensor(&self, fault: SensorFault) -> Result<FaultEffect, FaultError> {
+        Ok(FaultEffect::Sensor { fault, window: self.window()? })
     }
 
-    fn actuator(&self, ill: ActuatorIll) -> Result<What, BadFault> {
-        Ok(What::Actuator { ill, window: self.window()? })
+    fn actuator(&self, fault: ActuatorFault) -> Result<FaultEffect, FaultError> {
+        Ok(FaultEffect::Actuator { fault, window: self.window()? })
     }
 
-    fn field(&self) -> Result<Field, BadFault> {
+    fn field(&self) -> Result<Field, FaultError> {
         let readings: &'static [Reading] = match self.key("field") {
             None | Some("all") => Reading::MOTION,
             Some("vx") => &[Reading::Vx],
@@ -220,7 +223,7 @@ impl Reader<'_> {
             Some("leg-length") => &[Reading::LegLength],
             Some("density") if self.run.density_is_told => &[Reading::Density],
             Some("density") => {
-                let what = "no sensor tells it in this run; --density told adds one";
+                let what = "this run has no density sensor; density = \"told\" adds one";
                 return Err(self.bad("field", "density", what));
             }
             Some("contact") => return Ok(Field::Contact),
@@ -232,56 +235,56 @@ impl Reader<'_> {
         Ok(Field::Readings(readings))
     }
 
-    fn figures(&self) -> Result<&'static [Reading], BadFault> {
+    fn readings(&self) -> Result<&'static [Reading], FaultError> {
         match self.field()? {
             Field::Readings(readings) => Ok(readings),
             Field::Contact => {
-                let what = "it is yes or no: noise and stuck are what it can have";
+                let what = "the contact reading is true or false; only noise and stuck apply to it";
                 Err(self.bad("field", "contact", what))
             }
         }
     }
 
-    fn ground(&self) -> Result<What, BadFault> {
-        let number = |key: &str, range, usual| {
-            self.key(key).map_or(Ok(usual), |text| self.number(key, text, range))
+    fn ground(&self) -> Result<FaultEffect, FaultError> {
+        let number = |key: &str, range, default| {
+            self.key(key).map_or(Ok(default), |text| self.number(key, text, range))
         };
         let height_m = number("height", 0.0..=10.0, 0.05)?;
         let length_m = number("length", 0.01..=1000.0, 1.0)?;
         let grade = number("grade", -1.0..=1.0, 0.05)?;
         let is_slope = self.value() == "slope";
-        let strange: &[&str] = if is_slope { &["height", "length"] } else { &["grade"] };
-        if let Some(key) = strange.iter().find(|key| self.key(key).is_some()) {
+        let inapplicable: &[&str] = if is_slope { &["height", "length"] } else { &["grade"] };
+        if let Some(key) = inapplicable.iter().find(|key| self.key(key).is_some()) {
             let what = format!("ground={} has no {key}", self.value());
-            return Err(BadFault(format!("{}: {what}", self.setting)));
+            return Err(FaultError(format!("{}: {what}", self.setting)));
         }
-        let drawn = Drawn { height_m, length_m, seed: self.run.seed };
-        Ok(What::Ground(match self.value() {
-            "steps" => Terrain::Steps(drawn),
+        let random = RandomTerrain { height_m, length_m, seed: self.run.seed };
+        Ok(FaultEffect::Ground(match self.value() {
+            "steps" => Terrain::Steps(random),
             "slope" => Terrain::Slope(grade),
             "sine" => Terrain::Sine { height_m, length_m },
-            "rough" => Terrain::Rough(drawn),
+            "rough" => Terrain::Rough(random),
             other => {
                 return Err(self.bad("value", other, "it must be steps, slope, sine or rough"));
             }
         }))
     }
 
-    fn medium(&self) -> Result<What, BadFault> {
+    fn medium(&self) -> Result<FaultEffect, FaultError> {
         let density_ratio = self.number("value", self.value(), 0.0..=2.0)?;
-        let mark = |key: &str| {
+        let trigger = |key: &str| {
             let Some(text) = self.key(key) else { return Ok(None) };
             if let Some(place) = text.strip_suffix('m') {
                 return self
-                    .number(key, place, -FARTHEST_M..=FARTHEST_M)
-                    .map(Mark::Place)
+                    .number(key, place, -MAX_PLACE_M..=MAX_PLACE_M)
+                    .map(Trigger::Place)
                     .map(Some);
             }
             let time = text.strip_suffix('s').unwrap_or(text);
-            self.number(key, time, 0.0..=LATEST_S).map(Mark::Time).map(Some)
+            self.number(key, time, 0.0..=MAX_TIME_S).map(Trigger::Time).map(Some)
         };
-        let from = mark("at")?.unwrap_or(Mark::Time(0.0));
-        Ok(What::Medium { density_ratio, from, until: mark("until")? })
+        let from = trigger("at")?.unwrap_or(Trigger::Time(0.0));
+        Ok(FaultEffect::Medium { density_ratio, from, until: trigger("until")? })
     }
 }
 

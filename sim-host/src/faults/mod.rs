@@ -1,10 +1,4 @@
-//! Faults on purpose: what a user says, checked, and what becomes of it.
-//!
-//! Those on messages, sensors and actuators become the middleware of
-//! [`crate::faults::stage`]; those of the leg's world, its mass and spring,
-//! the ground and the medium, are part of the [scenario](crate::scenario).
-//! What each fault draws comes from the run's seed and the fault's place in the
-//! list: the same again at every run.
+#![doc = include_str!("README.md")]
 
 mod catalog;
 mod check;
@@ -15,17 +9,19 @@ mod terrain;
 use std::fmt;
 
 use crate::faults::stage::actuator::{Lag, Limit, Saturate};
-use crate::faults::stage::message::{Corrupt, Delay, Drop, Duplicate, Freeze, Ice, Reorder};
-use crate::faults::stage::sensor::{ContactNoise, Ill, Reading, Sensor, Stuck, StuckAt};
-use crate::faults::stage::{Chain, Dice, WireMessage, Plan, Stage, Window};
+use crate::faults::stage::message::{Corrupt, Delay, Duplicate, Freeze, FreezeMode, Loss, Reorder};
+use crate::faults::stage::sensor::{
+    ContactNoise, FaultyReadings, Reading, ReadingFault, Stuck, StuckTarget,
+};
+use crate::faults::stage::{FaultPipeline, FaultPlan, FaultRng, FaultStage, Window, WireMessage};
 use serde::Serialize;
 
-pub use catalog::{Kind, help};
-pub(crate) use check::Run;
-pub use setting::{BadFault, FaultSetting};
-pub use terrain::{Drawn, Terrain};
+pub use catalog::{FaultKind, help};
+pub(crate) use check::RunParameters;
+pub use setting::{FaultError, FaultSetting};
+pub use terrain::{RandomTerrain, Terrain};
 
-/// The faults of a run, checked.
+/// The checked faults of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Faults {
     all: Vec<Fault>,
@@ -36,18 +32,18 @@ pub struct Faults {
 #[derive(Clone, Debug, PartialEq)]
 struct Fault {
     setting: FaultSetting,
-    what: What,
+    effect: FaultEffect,
 }
 
 #[derive(Clone, Debug, PartialEq)]
-enum What {
-    Message { direction: Direction, trouble: Trouble, window: Window },
-    Sensor { ill: SensorIll, window: Window },
-    Actuator { ill: ActuatorIll, window: Window },
+enum FaultEffect {
+    Message { direction: Direction, fault: MessageFault, window: Window },
+    Sensor { fault: SensorFault, window: Window },
+    Actuator { fault: ActuatorFault, window: Window },
     Mass(f64),
     Stiffness(f64),
     Ground(Terrain),
-    Medium { density_ratio: f64, from: Mark, until: Option<Mark> },
+    Medium { density_ratio: f64, from: Trigger, until: Option<Trigger> },
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,36 +54,36 @@ enum Direction {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Trouble {
+enum MessageFault {
     Drop(f64),
     Delay { ticks: u32, jitter_ticks: u32 },
     Duplicate(f64),
     Reorder(f64),
     Corrupt { share: f64, bits: u32 },
-    Freeze { ticks: u32, chance: f64, ice: Ice },
+    Freeze { ticks: u32, chance: f64, mode: FreezeMode },
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum SensorIll {
-    Readings(&'static [Reading], Ill),
+enum SensorFault {
+    Readings(&'static [Reading], ReadingFault),
     ContactNoise(f64),
-    Stuck { at: StuckAt, ticks: u32, chance: f64 },
+    Stuck { target: StuckTarget, ticks: u32, chance: f64 },
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum ActuatorIll {
+enum ActuatorFault {
     Lag(f64),
     Saturate(Limit),
 }
 
-/// A time, s, or a place, m.
+/// A time (s) or a place (m) at which a fault begins or ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Mark {
+enum Trigger {
     Time(f64),
     Place(f64),
 }
 
-impl Mark {
+impl Trigger {
     fn is_reached(self, t_s: f64, x_m: f64) -> bool {
         match self {
             Self::Time(from_s) => t_s >= from_s,
@@ -96,14 +92,14 @@ impl Mark {
     }
 }
 
-/// What a fault came to.
+/// How often a fault acted in a run.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct FaultCount {
-    /// As it was said.
+    /// The fault as the user wrote it.
     pub fault: String,
-    /// How often it has done something.
+    /// Number of messages, samples, commands, ticks or touchdowns affected.
     pub touched: u64,
-    /// What is counted.
+    /// Noun for the things counted, such as "messages".
     pub counted: &'static str,
 }
 
@@ -118,147 +114,157 @@ impl fmt::Display for FaultCount {
 }
 
 impl Faults {
-    /// Whether there are none.
+    /// Returns true if there is no fault.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.all.is_empty()
     }
 
-    /// Those of messages, sensors and actuators, new: nothing drawn yet.
+    /// Creates the stages of the faults of messages, sensors and actuators. Nothing is drawn yet.
     #[must_use]
-    pub fn plan(&self) -> Plan {
-        let mut plan = Plan::default();
+    pub fn plan(&self) -> FaultPlan {
+        let mut plan = FaultPlan::default();
         let tick_s = 1.0 / f64::from(self.rate_hz.max(1));
-        for (tag, fault) in self.all.iter().enumerate() {
-            // Two sequences a fault: samples and commands meet independent fates.
-            let dice = |lane: u64| Dice::new(self.seed, 2 * tag as u64 + lane);
-            match fault.what {
-                What::Message { direction, trouble, window } => {
+        for (id, fault) in self.all.iter().enumerate() {
+            // Each fault has two random sequences, for samples and for commands.
+            let rng = |lane: u64| FaultRng::new(self.seed, 2 * id as u64 + lane);
+            match fault.effect {
+                FaultEffect::Message { direction, fault, window } => {
                     if direction != Direction::Commands {
-                        trouble.put(&mut plan.samples, tag, window, dice(0));
+                        fault.push_to(&mut plan.samples, id, window, rng(0));
                     }
                     if direction != Direction::Samples {
-                        trouble.put(&mut plan.commands, tag, window, dice(1));
+                        fault.push_to(&mut plan.commands, id, window, rng(1));
                     }
                 }
-                What::Sensor { ill, window } => {
-                    plan.samples.push(tag, window, ill.stage(dice(0)));
+                FaultEffect::Sensor { fault, window } => {
+                    plan.samples.push(id, window, fault.stage(rng(0)));
                 }
-                What::Actuator { ill, window } => {
-                    plan.commands.push(tag, window, ill.stage(tick_s));
+                FaultEffect::Actuator { fault, window } => {
+                    plan.commands.push(id, window, fault.stage(tick_s));
                 }
-                What::Mass(_) | What::Stiffness(_) | What::Ground(_) | What::Medium { .. } => (),
+                FaultEffect::Mass(_)
+                | FaultEffect::Stiffness(_)
+                | FaultEffect::Ground(_)
+                | FaultEffect::Medium { .. } => (),
             }
         }
         plan
     }
 
-    /// How much heavier, and how much stiffer, the leg is than it is said to be.
+    /// Returns the factors of mass and stiffness by which the simulated leg differs from the
+    /// configured one.
     pub(crate) fn leg_factors(&self) -> [f64; 2] {
-        self.all.iter().fold([1.0; 2], |[mass, stiffness], fault| match fault.what {
-            What::Mass(factor) => [mass * factor, stiffness],
-            What::Stiffness(factor) => [mass, stiffness * factor],
+        self.all.iter().fold([1.0; 2], |[mass, stiffness], fault| match fault.effect {
+            FaultEffect::Mass(factor) => [mass * factor, stiffness],
+            FaultEffect::Stiffness(factor) => [mass, stiffness * factor],
             _ => [mass, stiffness],
         })
     }
 
     pub(crate) fn terrain(&self) -> Option<Terrain> {
-        self.all.iter().find_map(|fault| match fault.what {
-            What::Ground(terrain) => Some(terrain),
+        self.all.iter().find_map(|fault| match fault.effect {
+            FaultEffect::Ground(terrain) => Some(terrain),
             _ => None,
         })
     }
 
-    /// The density that a sudden change makes at a time and place, and whose it
-    /// is: of those that hold, the one said last.
+    /// Returns the density ratio that a change of the medium sets at a time and place, with the id
+    /// of its fault. If several apply, the last one counts.
     pub(crate) fn density(&self, t_s: f64, x_m: f64) -> Option<(usize, f64)> {
-        self.all.iter().enumerate().rev().find_map(|(tag, fault)| match fault.what {
-            What::Medium { density_ratio, from, until }
+        self.all.iter().enumerate().rev().find_map(|(id, fault)| match fault.effect {
+            FaultEffect::Medium { density_ratio, from, until }
                 if from.is_reached(t_s, x_m)
                     && !until.is_some_and(|until| until.is_reached(t_s, x_m)) =>
             {
-                Some((tag, density_ratio))
+                Some((id, density_ratio))
             }
             _ => None,
         })
     }
 
-    /// Whether any of them is a change of the medium.
-    pub(crate) fn change_the_medium(&self) -> bool {
-        self.all.iter().any(|fault| matches!(fault.what, What::Medium { .. }))
+    /// Returns true if any fault changes the medium.
+    pub(crate) fn changes_medium(&self) -> bool {
+        self.all.iter().any(|fault| matches!(fault.effect, FaultEffect::Medium { .. }))
     }
 
-    /// A row for each, nothing counted of those on the link yet.
-    pub(crate) fn rows(&self, world: &WorldCounts) -> Vec<FaultCount> {
-        let row = |(tag, fault): (usize, &Fault)| FaultCount {
+    /// Returns the count of each fault. Faults on the link are 0 until [`add_counts`].
+    pub(crate) fn counts(&self, world: &WorldCounts) -> Vec<FaultCount> {
+        let count = |(id, fault): (usize, &Fault)| FaultCount {
             fault: fault.setting.to_string(),
-            touched: match fault.what {
-                What::Mass(_) | What::Stiffness(_) => world.ticks,
-                What::Ground(_) => world.uneven_touchdowns,
-                What::Medium { .. } => world.medium_ticks.get(tag).copied().unwrap_or(0),
+            touched: match fault.effect {
+                FaultEffect::Mass(_) | FaultEffect::Stiffness(_) => world.ticks,
+                FaultEffect::Ground(_) => world.uneven_touchdowns,
+                FaultEffect::Medium { .. } => world.medium_ticks.get(id).copied().unwrap_or(0),
                 _ => 0,
             },
             counted: fault.setting.kind.counted(),
         };
-        self.all.iter().enumerate().map(row).collect()
+        self.all.iter().enumerate().map(count).collect()
     }
 }
 
-/// Adds what a plan has counted to the rows of its faults.
-pub fn add_counts(rows: &mut [FaultCount], plan: &Plan) {
-    for (tag, row) in rows.iter_mut().enumerate() {
-        row.touched += plan.count(tag);
+/// Adds the counts of a plan to those of its faults.
+pub fn add_counts(counts: &mut [FaultCount], plan: &FaultPlan) {
+    for (id, count) in counts.iter_mut().enumerate() {
+        count.touched += plan.count(id);
     }
 }
 
-/// What the leg's world has done to it.
+/// Counts of the faults of leg, ground and medium.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct WorldCounts {
     pub(crate) ticks: u64,
     pub(crate) uneven_touchdowns: u64,
-    /// By the fault's place in the list.
+    /// Ticks in which a change of the medium was in force, by fault id.
     pub(crate) medium_ticks: Vec<u64>,
 }
 
 impl WorldCounts {
-    pub(crate) fn count_medium(&mut self, tag: usize) {
-        if self.medium_ticks.len() <= tag {
-            self.medium_ticks.resize(tag + 1, 0);
+    pub(crate) fn count_medium(&mut self, id: usize) {
+        if self.medium_ticks.len() <= id {
+            self.medium_ticks.resize(id + 1, 0);
         }
-        self.medium_ticks[tag] += 1;
+        self.medium_ticks[id] += 1;
     }
 }
 
-impl Trouble {
-    fn put<M: WireMessage>(self, chain: &mut Chain<M>, tag: usize, window: Window, dice: Dice) {
-        let stage: Box<dyn Stage<M>> = match self {
-            Self::Drop(share) => Box::new(Drop::new(share, dice)),
-            Self::Delay { ticks, jitter_ticks } => Box::new(Delay::new(ticks, jitter_ticks, dice)),
-            Self::Duplicate(share) => Box::new(Duplicate::new(share, dice)),
-            Self::Reorder(share) => Box::new(Reorder::new(share, dice)),
-            Self::Corrupt { share, bits } => Box::new(Corrupt::new(share, bits, dice)),
-            Self::Freeze { ticks, chance, ice } => {
-                Box::new(Freeze::new(ticks.into(), chance, ice, dice))
+impl MessageFault {
+    fn push_to<M: WireMessage>(
+        self,
+        pipeline: &mut FaultPipeline<M>,
+        id: usize,
+        window: Window,
+        rng: FaultRng,
+    ) {
+        let stage: Box<dyn FaultStage<M>> = match self {
+            Self::Drop(share) => Box::new(Loss::new(share, rng)),
+            Self::Delay { ticks, jitter_ticks } => Box::new(Delay::new(ticks, jitter_ticks, rng)),
+            Self::Duplicate(share) => Box::new(Duplicate::new(share, rng)),
+            Self::Reorder(share) => Box::new(Reorder::new(share, rng)),
+            Self::Corrupt { share, bits } => Box::new(Corrupt::new(share, bits, rng)),
+            Self::Freeze { ticks, chance, mode } => {
+                Box::new(Freeze::new(ticks.into(), chance, mode, rng))
             }
         };
-        chain.push(tag, window, stage);
+        pipeline.push(id, window, stage);
     }
 }
 
-impl SensorIll {
-    fn stage(self, dice: Dice) -> Box<dyn Stage<leg_control::wire::Sample>> {
+impl SensorFault {
+    fn stage(self, rng: FaultRng) -> Box<dyn FaultStage<leg_control::wire::Sample>> {
         match self {
-            Self::Readings(readings, ill) => Box::new(Sensor::new(readings, ill, dice)),
-            Self::ContactNoise(share) => Box::new(ContactNoise::new(share, dice)),
-            Self::Stuck { at, ticks, chance } => {
-                Box::new(Stuck::new(at, ticks.into(), chance, dice))
+            Self::Readings(readings, fault) => Box::new(FaultyReadings::new(readings, fault, rng)),
+            Self::ContactNoise(share) => Box::new(ContactNoise::new(share, rng)),
+            Self::Stuck { target, ticks, chance } => {
+                Box::new(Stuck::new(target, ticks.into(), chance, rng))
             }
         }
     }
 }
 
-impl ActuatorIll {
-    fn stage(self, tick_s: f64) -> Box<dyn Stage<leg_control::wire::Command>> {
+impl ActuatorFault {
+    fn stage(self, tick_s: f64) -> Box<dyn FaultStage<leg_control::wire::Command>> {
         match self {
             Self::Lag(time_constant_s) => Box::new(Lag::new(time_constant_s, tick_s)),
             Self::Saturate(limit) => Box::new(Saturate::new(limit, tick_s)),

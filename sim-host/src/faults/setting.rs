@@ -1,5 +1,5 @@
-//! A fault as a user says it: `--fault drop=0.1,direction=commands`, or in a
-//! scenario file `[[fault]]` with the same names.
+//! A fault as a user writes it: `drop=0.1,direction=commands` on the command line, or a `[[fault]]`
+//! table in a scenario file with the same names.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -9,51 +9,51 @@ use serde::de::{Deserializer, Error as _};
 use serde::ser::{SerializeMap, Serializer};
 use serde::{Deserialize, Serialize};
 
-use super::catalog::{self, Kind};
+use super::catalog::{self, FaultKind};
 
-/// A kind, its value, and the keys beside it: the names are known, the values are
-/// not checked yet.
+/// A fault as a user wrote it: a kind with its value, and further keys. The names are checked, the
+/// values are not.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FaultSetting {
-    pub(super) kind: Kind,
+    pub(super) kind: FaultKind,
     pub(super) value: String,
     pub(super) keys: BTreeMap<String, String>,
 }
 
-/// What is wrong with a fault; one sentence.
+/// A fault that cannot be used; the message is one sentence.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
-pub struct BadFault(pub(super) String);
+pub struct FaultError(pub(super) String);
 
 impl FaultSetting {
-    /// From names and values in any order, exactly one name that of a kind.
-    fn of(pairs: impl IntoIterator<Item = (String, String)>) -> Result<Self, BadFault> {
+    /// Creates a setting from names and values in any order. Exactly one name must be a kind.
+    fn from_pairs(pairs: impl IntoIterator<Item = (String, String)>) -> Result<Self, FaultError> {
         let (mut found, mut keys) = (None, BTreeMap::new());
         for (name, value) in pairs {
-            if let Some(kind) = Kind::named(&name) {
+            if let Some(kind) = FaultKind::named(&name) {
                 if let Some((first, _)) = found.replace((kind, value)) {
-                    return Err(BadFault(format!(
-                        "`{}` and `{name}` are two faults: say each in a --fault, or a [[fault]], of its own",
-                        Kind::name(first)
+                    return Err(FaultError(format!(
+                        "`{}` and `{name}` are two faults; each needs a setting of its own",
+                        FaultKind::name(first)
                     )));
                 }
             } else if keys.insert(name.clone(), value).is_some() {
-                return Err(BadFault(format!("`{name}` is said twice")));
+                return Err(FaultError(format!("`{name}` is given twice")));
             }
         }
         let Some((kind, value)) = found else {
-            let said = keys.into_keys().next().unwrap_or_default();
-            return Err(BadFault(format!(
-                "`{said}` is not a fault; there are {}; `sim-host faults` explains them",
+            let unknown = keys.into_keys().next().unwrap_or_default();
+            return Err(FaultError(format!(
+                "`{unknown}` is not a kind of fault; the kinds are {}",
                 catalog::names()
             )));
         };
-        let known = kind.row().keys;
+        let known = kind.info().keys;
         if let Some(key) = keys.keys().find(|key| !known.contains(&key.as_str())) {
-            return Err(BadFault(format!(
-                "`{}` has no key `{key}`; it has {}; `sim-host faults` explains them",
+            return Err(FaultError(format!(
+                "`{}` has no key `{key}`; its keys are: {}",
                 kind.name(),
-                known.join(", ")
+                if known.is_empty() { "none".to_owned() } else { known.join(", ") }
             )));
         }
         Ok(Self { kind, value, keys })
@@ -61,18 +61,17 @@ impl FaultSetting {
 }
 
 impl FromStr for FaultSetting {
-    type Err = BadFault;
+    type Err = FaultError;
 
-    fn from_str(text: &str) -> Result<Self, BadFault> {
+    fn from_str(text: &str) -> Result<Self, FaultError> {
         let pairs = text.split(',').map(|part| match part.split_once('=') {
             Some((name, value)) => Ok((name.trim().to_owned(), value.trim().to_owned())),
-            None => Err(BadFault(format!(
-                "`{part}` is not key=value; a fault is kind=value,key=value,… of the kinds {}; \
-                 `sim-host faults` explains them",
+            None => Err(FaultError(format!(
+                "`{part}` is not key=value; a fault is kind=value,key=value,... with one of the kinds {}",
                 catalog::names()
             ))),
         });
-        Self::of(pairs.collect::<Result<Vec<_>, _>>()?)
+        Self::from_pairs(pairs.collect::<Result<Vec<_>, _>>()?)
     }
 }
 
@@ -83,7 +82,7 @@ impl fmt::Display for FaultSetting {
     }
 }
 
-/// A value in a scenario file.
+/// A value of a `[[fault]]` table.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum Scalar {
@@ -105,7 +104,7 @@ impl From<Scalar> for String {
 impl<'de> Deserialize<'de> for FaultSetting {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let table = BTreeMap::<String, Scalar>::deserialize(deserializer)?;
-        Self::of(table.into_iter().map(|(name, value)| (name, value.into())))
+        Self::from_pairs(table.into_iter().map(|(name, value)| (name, value.into())))
             .map_err(D::Error::custom)
     }
 }

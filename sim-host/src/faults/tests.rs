@@ -39,7 +39,7 @@ fn play(scenario: &Scenario) -> Outcome {
 const SHORT: &str = "duration_s = 6.0\nset_point_m_s = 0.3\n";
 
 #[test]
-fn file_and_command_line_say_the_same() {
+fn file_and_command_line_give_the_same_setting() {
     let pairs = [
         ("drop=0.1", "drop = 0.1"),
         ("delay=3,direction=commands", "delay = 3\ndirection = \"commands\""),
@@ -55,24 +55,27 @@ fn file_and_command_line_say_the_same() {
         let from_flag = flag.parse::<FaultSetting>().unwrap();
         let [from_file] = from_file.faults.try_into().unwrap();
         assert_eq!(from_flag, from_file, "{flag}");
-        // And as a recording keeps it.
+        // A recording keeps the settings as TOML.
         let settings = Settings { faults: vec![from_flag], ..Settings::default() };
         let again = Settings::from_toml(&toml::to_string(&settings).unwrap()).unwrap();
         assert_eq!(again, settings);
     }
     let unknown = Settings::from_toml("[[fault]]\ndorp = 0.1").unwrap_err().to_string();
-    assert!(unknown.contains("`dorp` is not a fault; there are drop, delay"), "{unknown}");
+    assert!(
+        unknown.contains("`dorp` is not a kind of fault; the kinds are drop, delay"),
+        "{unknown}"
+    );
     let both = Settings::from_toml("[[fault]]\ndrop = 0.1").unwrap();
     let flags = Settings { faults: vec!["mass=2".parse().unwrap()], ..Settings::default() };
-    let said: Vec<String> = flags.over(both).faults.iter().map(ToString::to_string).collect();
-    assert_eq!(said, ["drop=0.1", "mass=2"], "a flag adds to a file");
+    let all: Vec<String> = flags.over(both).faults.iter().map(ToString::to_string).collect();
+    assert_eq!(all, ["drop=0.1", "mass=2"], "a flag adds to a file");
 }
 
 #[test]
-fn what_cannot_be_is_refused_with_what_can() {
+fn an_invalid_fault_is_refused_with_the_valid_values() {
     for (fault, parts) in [
-        ("drp=1", ["`drp` is not a fault", "drop, delay, jitter"]),
-        ("drop", ["`drop` is not key=value", "sim-host faults"]),
+        ("drp=1", ["`drp` is not a kind of fault", "drop, delay, jitter"]),
+        ("drop", ["`drop` is not key=value", "drop, delay, jitter"]),
         ("drop=2", ["drop is 2", "from 0 to 1"]),
         ("drop=NaN", ["drop is NaN", "from 0 to 1"]),
         ("drop=0.1,field=vx", ["`drop` has no key `field`", "direction, from, until"]),
@@ -82,12 +85,12 @@ fn what_cannot_be_is_refused_with_what_can() {
         ("drop=0.1,from=5,until=4", ["until must be later", "from"]),
         ("delay=1.5", ["delay is 1.5", "a whole number from 0 to 1000"]),
         ("corrupt=1,bits=0", ["bits is 0", "from 1 to 64"]),
-        ("freeze=5,as=ice", ["as is ice", "last or nothing"]),
-        ("noise=0.1,field=density", ["no sensor tells it", "--density told"]),
+        ("freeze=5,as=mode", ["as is mode", "last or nothing"]),
+        ("noise=0.1,field=density", ["field is density", "no density sensor"]),
         ("noise=2,field=contact", ["noise is 2", "from 0 to 1"]),
-        ("bias=1", ["field= must be said", "unit"]),
+        ("bias=1", ["needs field=", "unit"]),
         ("nan=0.1,field=contact", ["field is contact", "noise and stuck"]),
-        ("saturate=1", ["field is nothing", "angle, angle-rate or elongation-rate"]),
+        ("saturate=1", ["field is missing", "angle, angle-rate or elongation-rate"]),
         ("mass=0", ["mass is 0", "from 0.1 to 10"]),
         ("ground=hills", ["ground is hills", "steps, slope, sine or rough"]),
         ("ground=slope,height=1", ["ground=slope", "has no height"]),
@@ -103,7 +106,7 @@ fn what_cannot_be_is_refused_with_what_can() {
 }
 
 #[test]
-fn without_faults_nothing_changes_and_with_them_the_seed_decides() {
+fn a_run_without_faults_is_unchanged_and_faults_depend_on_the_seed() {
     let plain = scenario(SHORT);
     let inline = with_policy(|mut controller| {
         let mut link = Inline::new(|sample| controller.tick(Some(sample)));
@@ -139,7 +142,7 @@ fn without_faults_nothing_changes_and_with_them_the_seed_decides() {
 }
 
 #[test]
-fn each_fault_is_counted_by_itself() {
+fn each_fault_has_its_own_count() {
     let toml = format!(
         "{SHORT}[[fault]]\ndelay = 2\ndirection = \"commands\"\nfrom = 1\nuntil = 2\n\
          [[fault]]\nmass = 1.1\n[[fault]]\nmedium = 0.2\nat = 3\nuntil = 4\n\
@@ -154,7 +157,7 @@ fn each_fault_is_counted_by_itself() {
 }
 
 #[test]
-fn a_wrong_leg_is_played_and_not_told() {
+fn a_leg_fault_changes_the_simulated_leg_and_not_the_controllers_model() {
     let told = scenario("");
     let played = scenario("[[fault]]\nmass = 1.5\n[[fault]]\nstiffness = 0.5");
     assert_eq!(played.leg_model(), told.leg_model());
@@ -166,7 +169,7 @@ fn a_wrong_leg_is_played_and_not_told() {
 }
 
 #[test]
-fn the_leg_feels_the_ground_under_it_and_the_medium_of_the_moment() {
+fn the_leg_follows_the_ground_and_the_medium_of_its_place() {
     let uneven = scenario(&format!(
         "{SHORT}[start]\nx_m = 1.0\n[[fault]]\nground = \"slope\"\ngrade = 0.1\n\
          [[fault]]\nmedium = 0.5\nat = \"1.2m\"\n"

@@ -1,12 +1,14 @@
-//! How much of each fault a policy stands: a sweep of seeded runs, one fault at
-//! a time, in each medium.
+//! The robustness of a policy: a sweep of seeded runs under increasing levels of one fault at a time,
+//! in each medium.
 
+mod axes;
 pub mod picture;
 pub mod report;
 mod sweep;
 
+pub use axes::Media;
 pub use report::{Report, Row};
-pub use sweep::{Media, Size, sweep};
+pub use sweep::{Size, sweep};
 
 /// Apexes after which a leg counts as still hopping.
 pub const HOPS: u32 = 30;

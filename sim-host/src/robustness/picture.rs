@@ -2,8 +2,8 @@
 
 use leg_charts::{Color, DrawError, Mark, Panel, Sheet, color, percent};
 
+use super::axes::{AXES, Axis, Media};
 use super::report::Report;
-use super::sweep::{AXES, Axis, Media};
 
 fn color_of(media: Media) -> Color {
     match media {

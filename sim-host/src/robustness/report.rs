@@ -1,64 +1,66 @@
-//! What the sweep came to: a table for people, rows for scripts.
+//! The result of the sweep, as a table, CSV and JSON.
 
 use std::fmt::{self, Write as _};
 
 use serde::Serialize;
 
-use super::sweep::{AXES, Axis, Media};
+use super::axes::{AXES, Axis, Media};
 
-/// The whole sweep; `--json` prints it as it stands.
+/// The result of the sweep. Its JSON form has these fields.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
     /// Name of the policy.
     pub policy: String,
-    /// Hops to be survived.
+    /// Number of hops after which a leg counts as still hopping.
     pub hops: u32,
-    /// Runs of each row.
+    /// Number of runs of each row.
     pub runs: u64,
-    /// One for each fault, level and medium.
+    /// One row for each fault, level and medium.
     pub rows: Vec<Row>,
 }
 
 /// The runs under one fault at one level in one medium.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
-    /// The fault.
+    /// Name of the axis.
     pub fault: &'static str,
-    /// How much of it, in its unit.
+    /// Level of the fault, in the unit of the axis.
     pub level: f64,
-    /// Where.
+    /// Medium of the runs.
     pub media: Media,
-    /// Runs.
+    /// Number of runs.
     pub runs: u64,
-    /// Of them still hopping at the end.
+    /// Number of runs that were still hopping at the end.
     pub hopping: u64,
 }
 
 impl Row {
-    /// Share still hopping, 0 to 1.
+    /// Returns the share of the runs still hopping, 0 to 1.
     #[must_use]
     pub fn share(&self) -> f64 {
         self.hopping as f64 / self.runs.max(1) as f64
     }
 
+    /// Returns true if the level is no fault.
     pub(super) fn is_none(&self) -> bool {
         AXES.iter().any(|axis| axis.name == self.fault && axis.none == self.level)
     }
 }
 
 impl Report {
-    /// The media, in the order of the sweep.
+    /// Returns the media in the order of the sweep.
     pub(super) fn media(&self) -> Vec<Media> {
         let mut media: Vec<Media> = self.rows.iter().map(|row| row.media).collect();
         media.dedup();
         media
     }
 
+    /// Returns the rows of one axis in one medium.
     pub(super) fn line(&self, axis: &Axis, media: Media) -> impl Iterator<Item = &Row> {
         self.rows.iter().filter(move |row| row.fault == axis.name && row.media == media)
     }
 
-    /// The rows as CSV.
+    /// Returns the rows as CSV.
     #[must_use]
     pub fn csv(&self) -> String {
         let mut text = String::from("fault,level,medium,runs,hopping,share\n");

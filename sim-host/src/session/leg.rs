@@ -83,7 +83,7 @@ impl<'a> Leg<'a> {
             plant: TickPlant::new(scenario.played_leg(), scenario.start),
             medium: scenario.medium_at(scenario.start.x_m),
             terrain: scenario.faults.terrain(),
-            changes_medium: scenario.faults.change_the_medium(),
+            changes_medium: scenario.faults.changes_medium(),
             world: WorldCounts::default(),
             hold: CommandHold::new(1_000_000_000 / u64::from(scenario.rate_hz)),
             seq: 0,
@@ -263,7 +263,7 @@ impl<'a> Leg<'a> {
             rejected: self.rejected,
             foreign_commands: self.hold.refused,
             state_hash: self.hash.value(),
-            faults: self.scenario.faults.rows(&self.world),
+            faults: self.scenario.faults.counts(&self.world),
             round_trips,
         }
     }
@@ -284,10 +284,10 @@ impl<'a> Leg<'a> {
         self.medium = self.scenario.medium_at(x_m);
         let since_s = self.ticks() as f64 / f64::from(self.scenario.rate_hz);
         if self.changes_medium
-            && let Some((tag, density_ratio)) = self.scenario.faults.density(since_s, x_m)
+            && let Some((id, density_ratio)) = self.scenario.faults.density(since_s, x_m)
         {
             self.medium = self.scenario.medium_of(density_ratio);
-            self.world.count_medium(tag);
+            self.world.count_medium(id);
         }
     }
 

@@ -9,7 +9,7 @@
 
 use std::time::{Duration, Instant};
 
-use crate::faults::stage::Faulty;
+use crate::faults::stage::FaultyLink;
 use leg_control::wire::Command;
 use leg_host::{LegLink, LinkError, Role};
 
@@ -88,7 +88,7 @@ pub fn run_with(
     if plan.is_empty() {
         return run_on(scenario, link, options, hooks);
     }
-    let mut faulty = Faulty::at_leg(link, plan).in_lock_step();
+    let mut faulty = FaultyLink::at_leg(link, plan).in_lock_step();
     let mut outcome = run_on(scenario, &mut faulty, options, hooks)?;
     add_counts(&mut outcome.faults, &faulty.into_parts().1);
     Ok(outcome)

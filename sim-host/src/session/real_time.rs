@@ -13,7 +13,7 @@ mod task;
 
 use std::time::{Duration, Instant};
 
-use crate::faults::stage::Faulty;
+use crate::faults::stage::FaultyLink;
 use leg_host::realtime::{LoopOptions, LoopReport, run as run_loop};
 use leg_host::{LegLink, LinkError};
 use leg_process::Stop;
@@ -82,7 +82,7 @@ pub fn run(
     if plan.is_empty() {
         return run_on(scenario, link, options, loop_options, stop, supervise, hooks);
     }
-    let mut faulty = Faulty::at_leg(link, plan);
+    let mut faulty = FaultyLink::at_leg(link, plan);
     let mut played = run_on(scenario, &mut faulty, options, loop_options, stop, supervise, hooks);
     add_counts(&mut played.outcome.faults, &faulty.into_parts().1);
     played

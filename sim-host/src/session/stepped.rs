@@ -1,6 +1,6 @@
 //! A session that steps leg and controller in turn in one thread.
 
-use crate::faults::stage::Stepped;
+use crate::faults::stage::SteppedLink;
 use leg_control::wire::{Command, Sample};
 
 use super::hooks::Observe;
@@ -22,7 +22,7 @@ pub fn run(
     options: Options,
     observe: impl FnMut(&TickRecord),
 ) -> Result<Outcome, SessionError> {
-    let mut link = Stepped::new(law, scenario.faults.plan());
+    let mut link = SteppedLink::new(law, scenario.faults.plan());
     let mut outcome = lock_step::run_on(scenario, &mut link, options, &mut Observe(observe))?;
     add_counts(&mut outcome.faults, link.plan());
     Ok(outcome)

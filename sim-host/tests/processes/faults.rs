@@ -53,7 +53,10 @@ fn reports_a_fault_that_was_never_applied() {
 #[test]
 fn rejects_invalid_faults_and_lists_the_valid_ones() {
     let place = Place::new();
-    place.simulator(&["--fault", "drp=1"]).end().assert(2, &["`drp` is not a fault", "reorder"]);
+    place
+        .simulator(&["--fault", "drp=1"])
+        .end()
+        .assert(2, &["`drp` is not a kind of fault", "reorder"]);
     place.simulator(&["--fault", "drop=7"]).end().assert(2, &["drop is 7", "from 0 to 1"]);
     let help = place.simulator(&["--fault", "help"]).end();
     assert!(help.assert_ok().out.contains("saturate"), "{}", help.out);

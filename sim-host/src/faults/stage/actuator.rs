@@ -1,24 +1,24 @@
-//! Faults of the leg's actuators: on commands.
+//! Faults of the leg's actuators, which act on commands.
 //!
-//! The elongation is commanded as a ramp that may start below 0 and means 0
-//! until it is above; an actuator that cannot follow it follows that.
+//! The elongation is commanded as a ramp that may start below 0, where it means 0. An actuator
+//! follows the ramp with its negative part set to 0.
 
 use core::f64::consts::FRAC_PI_2;
 
-use super::chain::{Now, Passed, Stage};
+use super::pipeline::{FaultStage, Now, Passed};
 use leg_control::wire::Command;
 
-/// What an actuator is asked at a command's tick.
-fn asked_m(command: &Command) -> f64 {
+/// Returns the commanded elongation at the tick of a command, m.
+fn commanded_m(command: &Command) -> f64 {
     f64::from(command.elongation_m).max(0.0)
 }
 
-/// And a tick later.
-fn asked_next_m(command: &Command, tick_s: f64) -> f64 {
+/// Returns the commanded elongation a tick later, m.
+fn commanded_next_m(command: &Command, tick_s: f64) -> f64 {
     (f64::from(command.elongation_m) + f64::from(command.elongation_rate_m_s) * tick_s).max(0.0)
 }
 
-/// Where an actuator is, and when it was last commanded.
+/// The state of the actuators at their last command.
 #[derive(Clone, Copy, Debug)]
 struct Pose {
     tick: u64,
@@ -26,8 +26,8 @@ struct Pose {
     elongation_m: f64,
 }
 
-/// An angle and an elongation that follow what is asked as a first-order lag
-/// does: after one time constant 63 % of a step.
+/// Makes angle and elongation follow the command as a first-order lag, which reaches 63 % of a
+/// step after one time constant.
 #[derive(Debug)]
 pub struct Lag {
     time_constant_s: f64,
@@ -36,14 +36,14 @@ pub struct Lag {
 }
 
 impl Lag {
-    /// Of this time constant, at ticks of this length, s.
+    /// Creates a lag from its time constant and the length of a tick, s.
     #[must_use]
     pub fn new(time_constant_s: f64, tick_s: f64) -> Self {
         Self { time_constant_s, tick_s, pose: None }
     }
 
-    /// How much of a step is done after so many ticks.
-    fn done(&self, ticks: u64) -> f64 {
+    /// Returns the share of a step that is complete after `ticks` ticks.
+    fn step_response(&self, ticks: u64) -> f64 {
         if self.time_constant_s > 0.0 {
             -libm::expm1(-(ticks as f64) * self.tick_s / self.time_constant_s)
         } else {
@@ -52,32 +52,32 @@ impl Lag {
     }
 }
 
-impl Stage<Command> for Lag {
+impl FaultStage<Command> for Lag {
     fn pass(&mut self, now: Now, message: Option<Command>) -> Passed<Command> {
         let Some(mut command) = message.filter(|_| now.active) else {
             return Passed::untouched(message);
         };
-        let (angle_rad, elongation_m) = (f64::from(command.leg_angle_rad), asked_m(&command));
+        let (angle_rad, elongation_m) = (f64::from(command.leg_angle_rad), commanded_m(&command));
         if !(angle_rad.is_finite() && elongation_m.is_finite()) {
             return Passed::untouched(message);
         }
-        let asked = Pose { tick: now.tick, angle_rad, elongation_m };
+        let commanded = Pose { tick: now.tick, angle_rad, elongation_m };
         let pose = match self.pose {
-            // It stands where it is first sent.
-            None => asked,
+            // The first command sets the state.
+            None => commanded,
             Some(pose) => {
-                let done = self.done(now.tick - pose.tick);
+                let done = self.step_response(now.tick - pose.tick);
                 Pose {
                     tick: now.tick,
-                    angle_rad: pose.angle_rad + done * (asked.angle_rad - pose.angle_rad),
+                    angle_rad: pose.angle_rad + done * (commanded.angle_rad - pose.angle_rad),
                     elongation_m: pose.elongation_m
-                        + done * (asked.elongation_m - pose.elongation_m),
+                        + done * (commanded.elongation_m - pose.elongation_m),
                 }
             }
         };
         self.pose = Some(pose);
         let next_m = pose.elongation_m
-            + self.done(1) * (asked_next_m(&command, self.tick_s) - pose.elongation_m);
+            + self.step_response(1) * (commanded_next_m(&command, self.tick_s) - pose.elongation_m);
         command.leg_angle_rad = pose.angle_rad as f32;
         command.elongation_m = pose.elongation_m as f32;
         command.elongation_rate_m_s = ((next_m - pose.elongation_m) / self.tick_s) as f32;
@@ -85,18 +85,18 @@ impl Stage<Command> for Lag {
     }
 }
 
-/// What an actuator cannot exceed.
+/// A limit of an actuator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Limit {
-    /// The angle from the vertical, rad.
+    /// Limit of the angle from the vertical, rad.
     Angle(f64),
-    /// The speed of the angle, rad/s.
+    /// Limit of the rate of the angle, rad/s.
     AngleRate(f64),
-    /// The speed of the elongation, m/s.
+    /// Limit of the rate of the elongation, m/s.
     ElongationRate(f64),
 }
 
-/// An actuator at its limit.
+/// Limits an actuator.
 #[derive(Debug)]
 pub struct Saturate {
     limit: Limit,
@@ -105,19 +105,19 @@ pub struct Saturate {
 }
 
 impl Saturate {
-    /// With this limit, at ticks of this length, s.
+    /// Creates an actuator with this limit; a tick takes `tick_s`, s.
     #[must_use]
     pub fn new(limit: Limit, tick_s: f64) -> Self {
         Self { limit, tick_s, pose: None }
     }
 }
 
-impl Stage<Command> for Saturate {
+impl FaultStage<Command> for Saturate {
     fn pass(&mut self, now: Now, message: Option<Command>) -> Passed<Command> {
         let Some(mut command) = message.filter(|_| now.active) else {
             return Passed::untouched(message);
         };
-        let (angle_rad, elongation_m) = (f64::from(command.leg_angle_rad), asked_m(&command));
+        let (angle_rad, elongation_m) = (f64::from(command.leg_angle_rad), commanded_m(&command));
         if !(angle_rad.is_finite() && elongation_m.is_finite()) {
             return Passed::untouched(message);
         }
@@ -135,7 +135,7 @@ impl Stage<Command> for Saturate {
             Limit::ElongationRate(most) => {
                 let here_m = towards(before.elongation_m, elongation_m, most * passed_s);
                 pose.elongation_m = here_m;
-                let next_m = asked_next_m(&command, self.tick_s);
+                let next_m = commanded_next_m(&command, self.tick_s);
                 let rate = (next_m - here_m) / self.tick_s;
                 let keeps_up = here_m == elongation_m && rate.abs() <= most;
                 if !keeps_up {

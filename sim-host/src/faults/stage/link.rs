@@ -1,72 +1,76 @@
-//! A link that things happen on.
+//! A link with faults.
 
 use std::time::{Duration, Instant};
 
-use super::chain::{Chain, Clock, Plan};
+use super::pipeline::{FaultPipeline, FaultPlan, TickCounter};
 use super::wire::WireMessage;
 use leg_control::wire::flags;
 use leg_host::link::{ControllerLink, LegLink, Link, LinkError};
 
 /// A link with faults in both directions, at either end and over any transport.
 ///
-/// Its ticks are those of the messages that this end sends: one is sent, then
-/// received, in each. The message that ends a run always gets through.
+/// Its ticks are those of the messages that this end sends; each tick sends one message and then
+/// receives. The message that ends a run is never affected.
 ///
-/// In lock-step ([`Faulty::in_lock_step`]; at the leg's end) an answer is waited
-/// for exactly when something was sent, so what happens does not depend on any
-/// clock; [`Link::expects_no_reply`] tells the session when a tick has brought all that
-/// it will. Else what has come is taken as it is, once a tick.
+/// In lock-step ([`FaultyLink::in_lock_step`], at the leg's end) the link waits for a reply exactly
+/// when a message was sent, so the result does not depend on timing, and
+/// [`Link::expects_no_reply`] returns true once a tick is complete. Otherwise the link takes the
+/// messages as they arrive, once a tick.
 #[derive(Debug)]
-pub struct Faulty<L: Link> {
+pub struct FaultyLink<L: Link> {
     link: L,
-    outgoing: Chain<L::Sends>,
-    incoming: Chain<L::Receives>,
+    outgoing: FaultPipeline<L::Sends>,
+    incoming: FaultPipeline<L::Receives>,
     lock_step: bool,
-    clock: Clock,
-    /// What really was sent in this tick.
+    clock: TickCounter,
+    /// The message sent in this tick, after the faults.
     sent: Option<L::Sends>,
-    /// Tick in which the incoming chain was last asked.
-    asked: Option<u64>,
+    /// Tick in which the incoming pipeline was last called.
+    called: Option<u64>,
     settled: bool,
 }
 
-impl<L: LegLink> Faulty<L> {
-    /// Around the leg's end of a link.
+impl<L: LegLink> FaultyLink<L> {
+    /// Wraps the leg's end of a link.
     #[must_use]
-    pub fn at_leg(link: L, plan: Plan) -> Self {
+    pub fn at_leg(link: L, plan: FaultPlan) -> Self {
         Self::around(link, plan.samples, plan.commands)
     }
 
-    /// The link without the faults, and those with their counts.
+    /// Returns the link without the faults, and the faults with their counts.
     #[must_use]
-    pub fn into_parts(self) -> (L, Plan) {
-        (self.link, Plan { samples: self.outgoing, commands: self.incoming })
+    pub fn into_parts(self) -> (L, FaultPlan) {
+        (self.link, FaultPlan { samples: self.outgoing, commands: self.incoming })
     }
 }
 
-impl<L: ControllerLink> Faulty<L> {
-    /// Around the controller's end of a link.
+impl<L: ControllerLink> FaultyLink<L> {
+    /// Wraps the controller's end of a link.
     #[must_use]
-    pub fn at_controller(link: L, plan: Plan) -> Self {
+    pub fn at_controller(link: L, plan: FaultPlan) -> Self {
         Self::around(link, plan.commands, plan.samples)
     }
 }
 
-impl<L: Link> Faulty<L> {
-    fn around(link: L, outgoing: Chain<L::Sends>, incoming: Chain<L::Receives>) -> Self {
+impl<L: Link> FaultyLink<L> {
+    fn around(
+        link: L,
+        outgoing: FaultPipeline<L::Sends>,
+        incoming: FaultPipeline<L::Receives>,
+    ) -> Self {
         Self {
             link,
             outgoing,
             incoming,
             lock_step: false,
-            clock: Clock::default(),
+            clock: TickCounter::default(),
             sent: None,
-            asked: None,
+            called: None,
             settled: false,
         }
     }
 
-    /// For a session in lock-step, at the leg's end.
+    /// Switches to lock-step, for a session at the leg's end.
     #[must_use]
     pub fn in_lock_step(mut self) -> Self {
         self.lock_step = true;
@@ -74,10 +78,9 @@ impl<L: Link> Faulty<L> {
     }
 }
 
-impl<L: Link<Sends: WireMessage, Receives: WireMessage>> Faulty<L> {
-    /// The answer to what was sent in this tick, whatever it says; `None` when
-    /// it has not come in time.
-    fn answer(
+impl<L: Link<Sends: WireMessage, Receives: WireMessage>> FaultyLink<L> {
+    /// Receives the reply to the message sent in this tick; `None` if it does not arrive in time.
+    fn reply(
         &mut self,
         sent: &L::Sends,
         timeout: Duration,
@@ -89,14 +92,14 @@ impl<L: Link<Sends: WireMessage, Receives: WireMessage>> Faulty<L> {
             if (ours.run_id, ours.seq) == (theirs.run_id, theirs.seq) {
                 return Ok(Some(message));
             }
-            // To a tick before, asked twice.
+            // A reply to an earlier tick whose message was sent twice.
             let since: Instant = *since.get_or_insert_with(Instant::now);
             left = timeout.saturating_sub(since.elapsed());
         }
     }
 }
 
-impl<L: Link<Sends: WireMessage, Receives: WireMessage>> Link for Faulty<L> {
+impl<L: Link<Sends: WireMessage, Receives: WireMessage>> Link for FaultyLink<L> {
     type Sends = L::Sends;
     type Receives = L::Receives;
 
@@ -104,9 +107,9 @@ impl<L: Link<Sends: WireMessage, Receives: WireMessage>> Link for Faulty<L> {
         if message.header().flags == flags::END {
             return self.link.send(message);
         }
-        // In lock-step the same one again, as after the peer was lost, meets no other
-        // fate; in real time to say it again is another try.
-        if self.clock.hear(message) || self.clock.tick_unless(self.lock_step) {
+        // In lock-step a message that is sent again, as after the loss of the peer, has the same
+        // result as before. In real time it is another attempt.
+        if self.clock.observe(message) || self.clock.tick_unless(self.lock_step) {
             self.sent = self.outgoing.pass(self.clock.now(), Some(*message));
         }
         self.settled = false;
@@ -115,28 +118,28 @@ impl<L: Link<Sends: WireMessage, Receives: WireMessage>> Link for Faulty<L> {
 
     fn receive(&mut self, timeout: Duration) -> Result<Option<L::Receives>, LinkError> {
         let now = self.clock.now();
-        let came = if self.lock_step {
+        let received = if self.lock_step {
             if self.settled {
                 return Ok(None);
             }
-            let came = match self.sent {
+            let received = match self.sent {
                 None => None,
-                Some(sent) => match self.answer(&sent, timeout)? {
+                Some(sent) => match self.reply(&sent, timeout)? {
                     None => return Ok(None),
-                    answer => answer,
+                    reply => reply,
                 },
             };
             self.settled = true;
-            came
+            received
         } else {
-            let came = self.link.receive(timeout)?;
-            if came.is_none() && self.asked == Some(now) {
+            let received = self.link.receive(timeout)?;
+            if received.is_none() && self.called == Some(now) {
                 return Ok(None);
             }
-            came
+            received
         };
-        self.asked = Some(now);
-        Ok(self.incoming.pass(now, came))
+        self.called = Some(now);
+        Ok(self.incoming.pass(now, received))
     }
 
     fn expects_no_reply(&self) -> bool {

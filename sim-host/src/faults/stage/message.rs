@@ -1,32 +1,32 @@
-//! Faults of the transport: they know nothing of what is carried.
+//! Faults of the transport, which do not depend on the content of a message.
 
 use std::collections::VecDeque;
 
-use super::chain::{Now, Passed, Stage};
-use super::dice::Dice;
+use super::pipeline::{FaultStage, Now, Passed};
+use super::rng::FaultRng;
 use super::wire::WireMessage;
 
-/// Most ticks that [`Delay`] holds a message back, the random ones included.
+/// Largest delay of [`Delay`], ticks, including the random part.
 pub const MAX_DELAY_TICKS: u32 = 2000;
 
-/// Messages that do not arrive.
+/// Drops messages.
 #[derive(Debug)]
-pub struct Drop {
+pub struct Loss {
     share: f64,
-    dice: Dice,
+    rng: FaultRng,
 }
 
-impl Drop {
-    /// Loses this share of the messages, 0 to 1.
+impl Loss {
+    /// Drops this share of the messages, 0 to 1.
     #[must_use]
-    pub fn new(share: f64, dice: Dice) -> Self {
-        Self { share, dice }
+    pub fn new(share: f64, rng: FaultRng) -> Self {
+        Self { share, rng }
     }
 }
 
-impl<M: WireMessage> Stage<M> for Drop {
+impl<M: WireMessage> FaultStage<M> for Loss {
     fn pass(&mut self, now: Now, message: Option<M>) -> Passed<M> {
-        if now.active && message.is_some() && self.dice.happens(self.share) {
+        if now.active && message.is_some() && self.rng.occurs(self.share) {
             Passed::touched(None)
         } else {
             Passed::untouched(message)
@@ -34,42 +34,42 @@ impl<M: WireMessage> Stage<M> for Drop {
     }
 }
 
-/// Messages that arrive later, each by the same time, by a random one, or both.
+/// Delays messages by a fixed time, a random time, or both.
 ///
-/// Of those that arrive in one tick the one that was sent last counts. One that
-/// waits longer than its successor comes after it, out of order.
+/// If several messages are due in one tick, the one that was sent last is released. A message
+/// with a longer delay than its successor arrives after it, out of order.
 #[derive(Debug)]
 pub struct Delay<M> {
     ticks: u32,
     jitter_ticks: u32,
-    dice: Dice,
+    rng: FaultRng,
     under_way: VecDeque<(u64, M)>,
 }
 
 impl<M> Delay<M> {
-    /// By `ticks`, and 0 to `jitter_ticks` more; together at most
-    /// [`MAX_DELAY_TICKS`], and cut to that.
+    /// Delays by `ticks` and by 0 to `jitter_ticks` more. The sum is limited to
+    /// [`MAX_DELAY_TICKS`].
     #[must_use]
-    pub fn new(ticks: u32, jitter_ticks: u32, dice: Dice) -> Self {
+    pub fn new(ticks: u32, jitter_ticks: u32, rng: FaultRng) -> Self {
         let ticks = ticks.min(MAX_DELAY_TICKS);
         let jitter_ticks = jitter_ticks.min(MAX_DELAY_TICKS - ticks);
         let most = (ticks + jitter_ticks) as usize + 2;
-        Self { ticks, jitter_ticks, dice, under_way: VecDeque::with_capacity(most) }
+        Self { ticks, jitter_ticks, rng, under_way: VecDeque::with_capacity(most) }
     }
 }
 
-impl<M: WireMessage> Stage<M> for Delay<M> {
+impl<M: WireMessage> FaultStage<M> for Delay<M> {
     fn pass(&mut self, now: Now, message: Option<M>) -> Passed<M> {
         let mut touched = false;
         if let Some(message) = message {
             let late = if now.active {
-                u64::from(self.ticks) + u64::from(self.dice.up_to(self.jitter_ticks))
+                u64::from(self.ticks) + u64::from(self.rng.up_to(self.jitter_ticks))
             } else {
                 0
             };
             touched = late > 0;
             if self.under_way.len() == self.under_way.capacity() {
-                // More than one a tick, which no session sends: the oldest goes.
+                // No session sends more than one message a tick; drop the oldest.
                 self.under_way.pop_front();
             }
             self.under_way.push_back((now.tick + late, message));
@@ -85,23 +85,23 @@ impl<M: WireMessage> Stage<M> for Delay<M> {
     }
 }
 
-/// Messages that arrive twice: once more a tick later, in place of the one then.
+/// Duplicates messages: the copy arrives a tick later, in place of that tick's message.
 #[derive(Debug)]
 pub struct Duplicate<M> {
     share: f64,
-    dice: Dice,
+    rng: FaultRng,
     again: Option<(u64, M)>,
 }
 
 impl<M> Duplicate<M> {
-    /// Of this share, 0 to 1.
+    /// Affects this share of the messages, 0 to 1.
     #[must_use]
-    pub fn new(share: f64, dice: Dice) -> Self {
-        Self { share, dice, again: None }
+    pub fn new(share: f64, rng: FaultRng) -> Self {
+        Self { share, rng, again: None }
     }
 }
 
-impl<M: WireMessage> Stage<M> for Duplicate<M> {
+impl<M: WireMessage> FaultStage<M> for Duplicate<M> {
     fn pass(&mut self, now: Now, message: Option<M>) -> Passed<M> {
         if let Some((due, again)) = self.again
             && due <= now.tick
@@ -111,7 +111,7 @@ impl<M: WireMessage> Stage<M> for Duplicate<M> {
         }
         if let Some(message) = message
             && now.active
-            && self.dice.happens(self.share)
+            && self.rng.occurs(self.share)
         {
             self.again = Some((now.tick + 1, message));
         }
@@ -119,31 +119,31 @@ impl<M: WireMessage> Stage<M> for Duplicate<M> {
     }
 }
 
-/// Messages that are overtaken: the next one comes before, and then this one, two
-/// ticks late and in place of the one then.
+/// Reorders messages: a message arrives two ticks late, after its successor and in place of that
+/// tick's message.
 #[derive(Debug)]
 pub struct Reorder<M> {
     share: f64,
-    dice: Dice,
+    rng: FaultRng,
     overtaken: Option<(u64, M)>,
 }
 
 impl<M> Reorder<M> {
-    /// Of this share, 0 to 1.
+    /// Affects this share of the messages, 0 to 1.
     #[must_use]
-    pub fn new(share: f64, dice: Dice) -> Self {
-        Self { share, dice, overtaken: None }
+    pub fn new(share: f64, rng: FaultRng) -> Self {
+        Self { share, rng, overtaken: None }
     }
 }
 
-impl<M: WireMessage> Stage<M> for Reorder<M> {
+impl<M: WireMessage> FaultStage<M> for Reorder<M> {
     fn pass(&mut self, now: Now, message: Option<M>) -> Passed<M> {
         match (self.overtaken, message) {
             (Some((due, overtaken)), _) if due <= now.tick => {
                 self.overtaken = None;
                 Passed::untouched(Some(overtaken))
             }
-            (None, Some(message)) if now.active && self.dice.happens(self.share) => {
+            (None, Some(message)) if now.active && self.rng.occurs(self.share) => {
                 self.overtaken = Some((now.tick + 2, message));
                 Passed::touched(None)
             }
@@ -152,71 +152,72 @@ impl<M: WireMessage> Stage<M> for Reorder<M> {
     }
 }
 
-/// Messages with bits turned over, anywhere.
+/// Inverts bits of messages, header included.
 #[derive(Debug)]
 pub struct Corrupt {
     share: f64,
     bits: u32,
-    dice: Dice,
+    rng: FaultRng,
 }
 
 impl Corrupt {
-    /// Of this share, 0 to 1; so many bits in each, drawn one by one.
+    /// Corrupts this share of the messages, 0 to 1, by `bits` inversions each, drawn independently.
     #[must_use]
-    pub fn new(share: f64, bits: u32, dice: Dice) -> Self {
-        Self { share, bits, dice }
+    pub fn new(share: f64, bits: u32, rng: FaultRng) -> Self {
+        Self { share, bits, rng }
     }
 }
 
-impl<M: WireMessage> Stage<M> for Corrupt {
+impl<M: WireMessage> FaultStage<M> for Corrupt {
     fn pass(&mut self, now: Now, message: Option<M>) -> Passed<M> {
         let Some(mut message) = message else { return Passed::untouched(None) };
-        if !(now.active && self.dice.happens(self.share)) {
+        if !(now.active && self.rng.occurs(self.share)) {
             return Passed::untouched(Some(message));
         }
         for _ in 0..self.bits {
-            message.flip(self.dice.up_to(M::BITS - 1));
+            message.flip(self.rng.up_to(M::BITS - 1));
         }
         Passed::touched(Some(message))
     }
 }
 
-/// What comes from a frozen link.
+/// The output of a frozen link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ice {
-    /// The last message before, again at every tick.
+pub enum FreezeMode {
+    /// The last message before the freeze, repeated in every tick.
     Last,
-    /// Nothing.
+    /// No message.
     Nothing,
 }
 
-/// A link that stands still for a while, now and then.
+/// Freezes the link for some ticks, at random instants.
 #[derive(Debug)]
 pub struct Freeze<M> {
     ticks: u64,
     chance: f64,
-    ice: Ice,
-    dice: Dice,
-    /// The first tick after.
+    mode: FreezeMode,
+    rng: FaultRng,
+    /// First tick after the freeze.
     until: u64,
     last: Option<M>,
 }
 
 impl<M> Freeze<M> {
-    /// For so many ticks; while it runs, each tick freezes it by this chance.
+    /// Freezes the link for `ticks` ticks; every tick of a running link starts a freeze with this
+    /// probability.
     #[must_use]
-    pub fn new(ticks: u64, chance: f64, ice: Ice, dice: Dice) -> Self {
-        Self { ticks, chance, ice, dice, until: 0, last: None }
+    pub fn new(ticks: u64, chance: f64, mode: FreezeMode, rng: FaultRng) -> Self {
+        Self { ticks, chance, mode, rng, until: 0, last: None }
     }
 }
 
-impl<M: WireMessage> Stage<M> for Freeze<M> {
+impl<M: WireMessage> FaultStage<M> for Freeze<M> {
     fn pass(&mut self, now: Now, message: Option<M>) -> Passed<M> {
-        if now.tick >= self.until && now.active && self.dice.happens(self.chance) {
+        if now.tick >= self.until && now.active && self.rng.occurs(self.chance) {
             self.until = now.tick + self.ticks;
         }
         if now.tick < self.until {
-            return Passed::touched(self.last.filter(|_| self.ice == Ice::Last));
+            return Passed::touched(self.last.filter(|_| self.mode == FreezeMode::Last));
         }
         self.last = message.or(self.last);
         Passed::untouched(message)

@@ -1,31 +1,27 @@
-//! Faults on purpose: middleware that wraps any link and is a link again.
+//! Fault injection as middleware around any link.
 //!
-//! A [`Chain`] is what may befall the messages of one direction: stages in a
-//! row, each of which is given at most one message a tick and hands on at most
-//! one, as a link that holds one message does. [`message`] has those that know
-//! nothing of what is carried (lost, late, twice, damaged), [`sensor`] those of
-//! a leg's sensors, [`actuator`] those of its actuators. A [`Plan`] is both
-//! directions.
+//! A [`FaultPipeline`] holds the faults of one direction: stages in series, each of which receives
+//! at most one message a tick and releases at most one, as a link does that holds one message. A
+//! [`FaultPlan`] holds both directions. [`message`] has the faults of the transport (loss, delay,
+//! duplication, damage), [`sensor`] those of the leg's sensors and [`actuator`] those of its
+//! actuators.
 //!
-//! [`Faulty`] puts a plan around a link, [`Stepped`] around a control law in
-//! this thread. All chance comes from [`Dice`], a generator of its own for each
-//! fault: the same seed gives the same faults, bit for bit.
+//! [`FaultyLink`] wraps a link; [`SteppedLink`] wraps a control law in this thread. Every fault
+//! draws from a [`FaultRng`] of its own, so the same seed gives the same faults, bit for bit.
 
 pub mod actuator;
-mod chain;
-mod dice;
 mod link;
 pub mod message;
+mod pipeline;
+mod rng;
 pub mod sensor;
 mod stepped;
 mod wire;
-#[cfg(test)]
-mod oldwire;
 
-pub use chain::{Chain, Now, Passed, Plan, Stage, Window};
-pub use dice::Dice;
-pub use link::Faulty;
-pub use stepped::Stepped;
+pub use link::FaultyLink;
+pub use pipeline::{FaultPipeline, FaultPlan, FaultStage, Now, Passed, Window};
+pub use rng::FaultRng;
+pub use stepped::SteppedLink;
 pub use wire::WireMessage;
 
 #[cfg(test)]

@@ -1,10 +1,10 @@
-//! Faults of the leg's sensors: on samples.
+//! Faults of the leg's sensors, which act on samples.
 
-use super::chain::{Now, Passed, Stage};
-use super::dice::Dice;
+use super::pipeline::{FaultStage, Now, Passed};
+use super::rng::FaultRng;
 use leg_control::wire::{Sample, flags};
 
-/// A reading in a sample.
+/// A reading of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reading {
     /// `vx_m_s`.
@@ -20,7 +20,7 @@ pub enum Reading {
 }
 
 impl Reading {
-    /// Those that every leg has.
+    /// The readings that every leg has.
     pub const MOTION: &'static [Self] = &[Self::Vx, Self::Y, Self::Vy, Self::LegLength];
 
     fn of(self, sample: &mut Sample) -> &mut f32 {
@@ -34,76 +34,76 @@ impl Reading {
     }
 }
 
-/// What is wrong with a reading; figures in its own unit.
+/// A fault of a reading. Values are in the unit of the reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Ill {
-    /// Normal noise of this standard deviation, another at every tick.
+pub enum ReadingFault {
+    /// Adds normal noise of this standard deviation, independent in every tick.
     Noise(f64),
-    /// This much too high.
+    /// Adds this constant.
     Bias(f64),
-    /// In this share of the samples it is no number.
+    /// Replaces the reading by NaN in this share of the samples, 0 to 1.
     NotANumber(f64),
 }
 
-/// Readings that are wrong.
+/// Applies a [`ReadingFault`] to readings.
 #[derive(Debug)]
-pub struct Sensor {
+pub struct FaultyReadings {
     readings: &'static [Reading],
-    ill: Ill,
-    dice: Dice,
+    fault: ReadingFault,
+    rng: FaultRng,
 }
 
-impl Sensor {
-    /// These readings, in this way.
+impl FaultyReadings {
+    /// Applies `fault` to `readings`.
     #[must_use]
-    pub fn new(readings: &'static [Reading], ill: Ill, dice: Dice) -> Self {
-        Self { readings, ill, dice }
+    pub fn new(readings: &'static [Reading], fault: ReadingFault, rng: FaultRng) -> Self {
+        Self { readings, fault, rng }
     }
 }
 
-impl Stage<Sample> for Sensor {
+impl FaultStage<Sample> for FaultyReadings {
     fn pass(&mut self, now: Now, message: Option<Sample>) -> Passed<Sample> {
         let Some(mut sample) = message.filter(|_| now.active) else {
             return Passed::untouched(message);
         };
-        if let Ill::NotANumber(share) = self.ill
-            && !self.dice.happens(share)
+        if let ReadingFault::NotANumber(share) = self.fault
+            && !self.rng.occurs(share)
         {
             return Passed::untouched(message);
         }
         for reading in self.readings {
             let value = reading.of(&mut sample);
-            *value = match self.ill {
-                Ill::Noise(deviation) => {
-                    (f64::from(*value) + deviation * self.dice.normal()) as f32
+            *value = match self.fault {
+                ReadingFault::Noise(deviation) => {
+                    (f64::from(*value) + deviation * self.rng.normal()) as f32
                 }
-                Ill::Bias(by) => (f64::from(*value) + by) as f32,
-                Ill::NotANumber(_) => f32::NAN,
+                ReadingFault::Bias(by) => (f64::from(*value) + by) as f32,
+                ReadingFault::NotANumber(_) => f32::NAN,
             };
         }
         Passed::touched(Some(sample))
     }
 }
 
-/// Contact readings turned over.
+/// Inverts the contact reading.
 #[derive(Debug)]
 pub struct ContactNoise {
     share: f64,
-    dice: Dice,
+    rng: FaultRng,
 }
 
 impl ContactNoise {
-    /// In this share of the samples, 0 to 1.
+    /// Inverts the reading in this share of the samples, 0 to 1.
     #[must_use]
-    pub fn new(share: f64, dice: Dice) -> Self {
-        Self { share, dice }
+    pub fn new(share: f64, rng: FaultRng) -> Self {
+        Self { share, rng }
     }
 }
 
-impl Stage<Sample> for ContactNoise {
+impl FaultStage<Sample> for ContactNoise {
     fn pass(&mut self, now: Now, message: Option<Sample>) -> Passed<Sample> {
         let Some(mut sample) = message else { return Passed::untouched(None) };
-        if !(now.active && self.dice.happens(self.share)) {
+        if !(now.active && self.rng.occurs(self.share)) {
             return Passed::untouched(message);
         }
         sample.header.flags ^= flags::IN_CONTACT;
@@ -111,53 +111,54 @@ impl Stage<Sample> for ContactNoise {
     }
 }
 
-/// What is stuck.
+/// The readings that get stuck.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum StuckAt {
-    /// These readings.
+pub enum StuckTarget {
+    /// Numeric readings.
     Readings(&'static [Reading]),
     /// The contact reading.
     Contact,
 }
 
-/// Readings that keep their value for a while, now and then.
+/// Makes readings keep their value for some ticks, at random instants.
 #[derive(Debug)]
 pub struct Stuck {
-    at: StuckAt,
+    target: StuckTarget,
     ticks: u64,
     chance: f64,
-    dice: Dice,
+    rng: FaultRng,
     until: u64,
     held: Sample,
 }
 
 impl Stuck {
-    /// For so many ticks; each tick begins it by this chance.
+    /// Holds the readings for `ticks` ticks; every other tick starts this with probability
+    /// `chance`.
     #[must_use]
-    pub fn new(at: StuckAt, ticks: u64, chance: f64, dice: Dice) -> Self {
-        Self { at, ticks, chance, dice, until: 0, held: Sample::default() }
+    pub fn new(target: StuckTarget, ticks: u64, chance: f64, rng: FaultRng) -> Self {
+        Self { target, ticks, chance, rng, until: 0, held: Sample::default() }
     }
 }
 
-impl Stage<Sample> for Stuck {
+impl FaultStage<Sample> for Stuck {
     fn pass(&mut self, now: Now, message: Option<Sample>) -> Passed<Sample> {
         let Some(mut sample) = message else { return Passed::untouched(None) };
         if now.tick >= self.until {
             self.held = sample;
-            if now.active && self.dice.happens(self.chance) {
+            if now.active && self.rng.occurs(self.chance) {
                 self.until = now.tick + self.ticks;
             }
         }
         if now.tick >= self.until {
             return Passed::untouched(message);
         }
-        match self.at {
-            StuckAt::Readings(readings) => {
+        match self.target {
+            StuckTarget::Readings(readings) => {
                 for reading in readings {
                     *reading.of(&mut sample) = *reading.of(&mut self.held);
                 }
             }
-            StuckAt::Contact => {
+            StuckTarget::Contact => {
                 let others = sample.header.flags & !flags::IN_CONTACT;
                 sample.header.flags = others | self.held.header.flags & flags::IN_CONTACT;
             }

@@ -1,35 +1,34 @@
-//! A control law in this thread, stepped with the leg, with faults in between.
+//! A control law that runs in the thread of the leg, behind faults.
 
 use std::time::Duration;
 
-use super::chain::{Clock, Plan};
+use super::pipeline::{FaultPlan, TickCounter};
 use leg_control::wire::{Command, Sample};
 use leg_host::link::{Link, LinkError};
 
-/// A leg's end whose controller is a function, called once for each tick of the
-/// leg with what has come of its sample, or with `None`: so its guard sees
-/// missing ticks, as it does in real time.
+/// A leg's end of a link whose controller is a function. It is called once a tick with the sample
+/// that the faults let through, or with `None`, so its guard sees missing ticks as in real time.
 #[derive(Debug)]
-pub struct Stepped<F> {
+pub struct SteppedLink<F> {
     law: F,
-    plan: Plan,
-    clock: Clock,
+    plan: FaultPlan,
+    clock: TickCounter,
     reply: Option<Command>,
 }
 
-impl<F: FnMut(Option<&Sample>) -> Command> Stepped<F> {
-    /// A link to `law` with these faults.
-    pub fn new(law: F, plan: Plan) -> Self {
-        Self { law, plan, clock: Clock::default(), reply: None }
+impl<F: FnMut(Option<&Sample>) -> Command> SteppedLink<F> {
+    /// Creates a link to `law` with these faults.
+    pub fn new(law: F, plan: FaultPlan) -> Self {
+        Self { law, plan, clock: TickCounter::default(), reply: None }
     }
 
-    /// The faults, with their counts.
-    pub fn plan(&self) -> &Plan {
+    /// Returns the faults with their counts.
+    pub fn plan(&self) -> &FaultPlan {
         &self.plan
     }
 }
 
-impl<F: FnMut(Option<&Sample>) -> Command> Link for Stepped<F> {
+impl<F: FnMut(Option<&Sample>) -> Command> Link for SteppedLink<F> {
     type Sends = Sample;
     type Receives = Command;
 
@@ -37,7 +36,7 @@ impl<F: FnMut(Option<&Sample>) -> Command> Link for Stepped<F> {
         if sample.ends_the_run() {
             return Ok(());
         }
-        self.clock.hear(sample);
+        self.clock.observe(sample);
         let now = self.clock.now();
         let sample = self.plan.samples.pass(now, Some(*sample));
         let command = (self.law)(sample.as_ref());
@@ -45,7 +44,7 @@ impl<F: FnMut(Option<&Sample>) -> Command> Link for Stepped<F> {
         Ok(())
     }
 
-    /// What has come of the answer, at once; never waits.
+    /// Returns the command that the faults let through. Never waits.
     fn receive(&mut self, _timeout: Duration) -> Result<Option<Command>, LinkError> {
         Ok(self.reply.take())
     }
