@@ -136,7 +136,8 @@ pub fn run(options: &Options, dial: Dial, tell: Tell, stop: &Stop) -> Result<Rep
     let link = ShmController::connect_while(&domain, meeting, timeout, stop, |missing| {
         if !said && missing.waited >= leg_host::cli::SAY_AFTER {
             said = true;
-            forwarder.notice(&Notice::Waiting(missing.to_string()));
+            let hint = leg_host::cli::hint::missing_peer(missing);
+            forwarder.notice(&Notice::Waiting(format!("{missing}; {hint}")));
         }
         broke = forwarder.serve_others().err();
         broke.is_none()

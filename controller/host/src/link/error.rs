@@ -15,7 +15,9 @@ pub enum LinkError {
         pid: u32,
     },
     /// The peer closed its end.
-    #[error("the {role} (process {pid}) left before the run was over; see its own output for the reason")]
+    #[error(
+        "the {role} (process {pid}) left before the run was over; see its own output for the reason"
+    )]
     PeerLeft {
         /// Role of the peer.
         role: Role,
