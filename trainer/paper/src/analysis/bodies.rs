@@ -55,10 +55,10 @@ impl Plane {
         label: &str,
     ) -> Panel {
         let (x, y) = (Axis::new("mass, kg", MASS_KG), Axis::new("stiffness, kN/m", STIFFNESS_KN_M));
-        let home = Mark::dots(vec![(80.0, 20.0)], color::INK).radius_px(4.0);
+        let trained = Mark::dots(vec![(80.0, 20.0)], color::INK).radius_px(4.0);
         Panel::new(title, x, y)
             .with(Mark::cells((MASS_KG, STIFFNESS_KN_M), self.cells, values, scale, label))
-            .with(home.label("the body that was trained"))
+            .with(trained.label("the body that was trained"))
     }
 }
 

@@ -150,11 +150,11 @@ pub(crate) fn distance(
     set: &[TriedAction],
 ) -> f64 {
     let [alpha, rs] = bounds();
-    let each = set.iter().map(|best| {
+    let distances = set.iter().map(|best| {
         let across = (touchdown_angle_rad - best.touchdown_angle_rad) / (alpha.end - alpha.start);
         across.hypot((elongation_speed_m_s - best.elongation_speed_m_s) / (rs.end - rs.start))
     });
-    each.fold(f64::NAN, f64::min)
+    distances.fold(f64::NAN, f64::min)
 }
 
 #[cfg(test)]

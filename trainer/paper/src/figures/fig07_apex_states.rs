@@ -102,7 +102,8 @@ impl Figure for Fig07 {
     }
 }
 
-/// The stats of every seed: in water, transferred, and on land alone.
+/// Computes the statistics of every seed: in water, transferred to land, and trained on land
+/// only.
 fn stats_by_seed(
     ctx: &FigureContext,
     pairs: &[(&TrainedAgent, &TrainedAgent)],
@@ -232,12 +233,12 @@ fn period(run: &ApexRun) -> Option<usize> {
 }
 
 fn authors_summary(cases: &[Case; 3], starts: &[Apex]) -> String {
-    let words = cases.iter().filter_map(|case| {
+    let summaries = cases.iter().filter_map(|case| {
         let theirs = case.theirs.as_ref()?;
         let stats = ApexStats::of(&theirs.actor(), case.rho, starts);
         Some(format!("The authors' agent, {}: {}. ", case.name, stats.summary()))
     });
-    words.collect()
+    summaries.collect()
 }
 
 fn claims([water, transferred, air]: &[ApexStats; 3]) -> Vec<Claim> {

@@ -127,7 +127,7 @@ fn grid(extent: Extent) -> [usize; 2] {
     extent.of([31, 25], [13, 9])
 }
 
-/// The plane that the finer search stats over.
+/// The plane of the finer search.
 const FINE: Plane = Plane { angles: 120, speeds: 21 };
 
 fn cost_s(extent: Extent) -> f64 {

@@ -463,8 +463,8 @@ mod tests {
     fn in_air_the_verdict_on_each_term_follows_its_purpose() {
         use Verdict::{Fails, Holds, InPart};
         let of = |p: &[(f64, f64)], d, i| verdicts(Medium::Air, p, d, i);
-        let said = of(&[(-0.3, 0.0), (0.05, 0.1)], (0.2, 0.01), Some((1e-4, 0.0)));
-        assert_eq!(said, [Holds; 3]);
+        let as_described = of(&[(-0.3, 0.0), (0.05, 0.1)], (0.2, 0.01), Some((1e-4, 0.0)));
+        assert_eq!(as_described, [Holds; 3]);
         let otherwise = of(&[(0.2, 0.9)], (0.2, 0.95), Some((0.3, 0.0)));
         assert_eq!(otherwise, [Fails; 3]);
         let calm = of(&[(0.05, 0.0)], (0.3, 0.0), Some((0.04, 0.0)));

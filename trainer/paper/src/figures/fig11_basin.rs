@@ -29,7 +29,8 @@ const DRAWN_N_M: [f64; 3] = [5_000.0, 10_000.0, 20_000.0];
 /// Range of their starts: velocities up to this, m/s, and heights, m.
 const SPEED_M_S: f64 = 9.0;
 const HEIGHT_M: [f64; 2] = [1.0, 10.0];
-/// What the authors' agent does on land at home, by an independent simulator.
+/// Share of the starts on land that the authors' agent survives with the trained body, by an
+/// independent simulator.
 const AUTHORS_SHARE: f64 = 0.906;
 
 pub(super) struct Fig11;
@@ -177,8 +178,8 @@ impl Basin {
 
     fn list(&self) -> String {
         let list = |rows: &[(f64, f64)], what: &str, per: f64| {
-            let words = rows.iter().map(|(x, share)| format!("{what} {} {share:.2}", x / per));
-            words.collect::<Vec<_>>().join(", ")
+            let items = rows.iter().map(|(x, share)| format!("{what} {} {share:.2}", x / per));
+            items.collect::<Vec<_>>().join(", ")
         };
         format!("{}; {}", list(&self.by_stiffness[0], "k", 1.0), list(&self.by_mass[0], "m", 1.0))
     }

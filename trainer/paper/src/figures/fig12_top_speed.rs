@@ -95,8 +95,8 @@ impl Figure for Fig12 {
              to be faster.",
             START.y_m
         );
-        let each: Vec<Vec<Claim>> = all.iter().map(|v| vec![speed(*v)]).collect();
-        let mut claims = Claim::over_seeds(&each, &[speed(ours.trained_body)]);
+        let by_seed: Vec<Vec<Claim>> = all.iter().map(|v| vec![speed(*v)]).collect();
+        let mut claims = Claim::over_seeds(&by_seed, &[speed(ours.trained_body)]);
         if let Some(theirs) = &theirs {
             claims.push(check(theirs.trained_body));
         }
@@ -147,7 +147,7 @@ fn check(speed_m_s: f64) -> Claim {
 struct TopSpeeds {
     /// With the body that was trained.
     trained_body: f64,
-    /// By stiffness, kN/m, at 80 kg, and by mass, kg, at 20 kN/m.
+    /// Speeds by stiffness, kN/m, at 80 kg, and by mass, kg, at 20 kN/m.
     lines: [Vec<(f64, f64)>; 2],
     cells: usize,
     plane: Vec<f64>,

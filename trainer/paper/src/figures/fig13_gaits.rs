@@ -58,13 +58,12 @@ impl Figure for Fig13 {
     }
 
     fn render(&self, ctx: &FigureContext) -> Result<RenderedFigure, FiguresError> {
-        let seeds_gaits = every_seed(ctx)?;
-        let reach = [0, 1].map(|i| seeds_gaits.iter().filter(|seed| seed.reaches_in(i)).count());
-        let count = seeds_gaits.len();
-        let all: Vec<Vec<Claim>> = seeds_gaits.iter().map(SeedGaits::claims).collect();
-        let both =
-            seeds_gaits.iter().filter(|seed| seed.reaches_in(0) && seed.reaches_in(1)).count();
-        let shown = seeds_gaits.into_iter().next().expect("at least one seed");
+        let by_seed = every_seed(ctx)?;
+        let reach = [0, 1].map(|i| by_seed.iter().filter(|seed| seed.reaches_in(i)).count());
+        let count = by_seed.len();
+        let all: Vec<Vec<Claim>> = by_seed.iter().map(SeedGaits::claims).collect();
+        let both = by_seed.iter().filter(|seed| seed.reaches_in(0) && seed.reaches_in(1)).count();
+        let shown = by_seed.into_iter().next().expect("at least one seed");
         let claims = Claim::over_seeds(&all, &shown.claims());
         let SeedGaits { seed, gaits } = shown;
         let chosen = format!("drawn: seed {seed}, which comes nearest to the set-point");
@@ -205,8 +204,8 @@ impl Gait {
 
     /// Returns the mean difference of the two angles from symmetric ones, deg.
     fn asymmetry_deg(&self) -> f64 {
-        let each = |hop: &Stride| (hop.angles_deg().iter().sum::<f64>() - 180.0).abs();
-        self.hops.iter().map(each).sum::<f64>() / self.hops.len() as f64
+        let deviation_deg = |hop: &Stride| (hop.angles_deg().iter().sum::<f64>() - 180.0).abs();
+        self.hops.iter().map(deviation_deg).sum::<f64>() / self.hops.len() as f64
     }
 
     fn summary(&self) -> String {
