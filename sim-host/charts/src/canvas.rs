@@ -109,5 +109,5 @@ pub(crate) fn rule(
 
 /// Estimates the width of a text, px, with room to spare in any usual font.
 pub(crate) fn width_px(words: &str, size_px: f64) -> f64 {
-    0.6 * size_px * words.chars().count() as f64
+    0.56 * size_px * words.chars().count() as f64
 }

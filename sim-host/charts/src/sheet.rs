@@ -258,7 +258,7 @@ mod tests {
             (0..6).map(|i| Mark::line(vec![(0.0, 0.0)], BLUE).label(label(i))).collect();
         assert_eq!(Legend::new(&marks, 1_000.0).rows(), 3);
         assert_eq!(Legend::new(&marks, 10.0).rows(), 6);
-        assert_eq!(wrapped(&[long; 6].join(" "), 1_000.0).len(), 3);
+        assert_eq!(wrapped(&[long; 6].join(" "), 1_000.0).len(), 2);
     }
 
     #[test]
