@@ -1,10 +1,7 @@
 //! Claims of the paper, with what was measured and a verdict.
 
-use serde::Serialize;
-
 /// Whether a claim holds for our agents.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// It holds.
     Holds,
@@ -33,7 +30,7 @@ impl Verdict {
 }
 
 /// A claim of the paper, tested.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Claim {
     /// The paper's statement, in our words.
     pub statement: String,

@@ -302,30 +302,36 @@ fn claims([air, water]: [Option<&Gait>; 2]) -> Vec<Claim> {
     vec![both, symmetric, acute]
 }
 
+/// Width of a chart over its height, at least.
+const WIDE: f64 = 2.4;
+
 fn draw(gaits: &[Option<Gait>; 2]) -> Result<String, FiguresError> {
-    let panels = MEDIA.iter().zip(gaits).map(|((medium, _), gait)| {
-        let hops = gait.as_ref().map_or(&[][..], |gait| &gait.hops[..DRAWN]);
-        let points: Vec<[f64; 2]> = hops.iter().flat_map(|hop| hop.path_m.clone()).collect();
-        let path = points.iter().map(|[x, y]| (*x, *y)).collect();
-        let mut marks = vec![Mark::line(path, BLUE).label("path of the mass")];
-        let leg = |hop: &Stride, [x, y]: [f64; 2]| [(hop.foot_x_m, 0.0), (hop.foot_x_m + x, y)];
-        let touchdowns = hops.iter().map(|hop| leg(hop, hop.touchdown_m)).collect();
-        let liftoffs = hops.iter().map(|hop| leg(hop, hop.liftoff_m)).collect();
-        marks.push(Mark::segments(touchdowns, ORANGE).label("leg at touchdown"));
-        marks.push(Mark::segments(liftoffs, GREEN).label("leg at lift-off"));
-        // At least a metre across and up, even without a gait.
-        let x = Axis::around("distance, m", points.iter().map(|p| p[0]).chain([0.0, 1.0]));
-        let y = Axis::around("height, m", points.iter().map(|p| p[1]).chain([0.0, 1.0]));
-        marks.push(Mark::line(vec![(x.range.start, 0.0), (x.range.end, 0.0)], INK));
-        let title = match gait {
-            Some(_) => (*medium).to_owned(),
-            None => format!("{medium}: it falls"),
-        };
-        Panel { title, x, y, marks }
-    });
     let title = "Figure 13. Gaits of the universal controller at 1 m/s";
-    let note = "the first hops after convergence; apex to apex";
-    Ok(Sheet::new(title, note).row(280, panels.collect()).draw()?)
+    let note = "the first hops after convergence, from apex to apex, to scale";
+    let sheet = Sheet::new(title, note).shared_legend();
+    let media = MEDIA.iter().zip(gaits);
+    let sheet = media.fold(sheet, |sheet, ((medium, _), gait)| match gait {
+        Some(gait) => sheet.row_to_scale(path_of(medium, &gait.hops[..DRAWN])),
+        None => sheet.row(60, vec![path_of(&format!("{medium}: it falls"), &[])]),
+    });
+    Ok(sheet.draw()?)
+}
+
+fn path_of(title: &str, hops: &[Stride]) -> Panel {
+    let points: Vec<(f64, f64)> =
+        hops.iter().flat_map(|hop| &hop.path_m).map(|[x, y]| (*x, *y)).collect();
+    let y = Axis::around("height, m", points.iter().map(|p| p.1).chain([0.0, 1.0]));
+    let width_m = WIDE * (y.range.end - y.range.start);
+    let x = Axis::around("distance, m", points.iter().map(|p| p.0).chain([0.0, width_m]));
+    let ground = vec![(x.range.start, 0.0), (x.range.end, 0.0)];
+    let leg = |hop: &Stride, [x, y]: [f64; 2]| [(hop.foot_x_m, 0.0), (hop.foot_x_m + x, y)];
+    let touchdowns = hops.iter().map(|hop| leg(hop, hop.touchdown_m)).collect();
+    let liftoffs = hops.iter().map(|hop| leg(hop, hop.liftoff_m)).collect();
+    Panel::new(title, x, y)
+        .with(Mark::line(ground, INK))
+        .with(Mark::line(points, BLUE).label("path of the mass"))
+        .with(Mark::segments(touchdowns, ORANGE).label("leg at touchdown"))
+        .with(Mark::segments(liftoffs, GREEN).label("leg at lift-off"))
 }
 
 fn table(gaits: &[Option<Gait>; 2]) -> String {
