@@ -28,7 +28,7 @@ Other columns are ignored.
 
 Output columns: m, k, g, rho, vx, y, alpha, rs, then
   outcome                         apex, apex_in_stance or fall
-  hops                            stances begun
+  hops                            stance phases begun
   t_touchdown, x_foot, t_liftoff  of the first stance, s and m
   t_apex, x_apex, vx_next, y_next the next apex
 Times and places count from the start; a cell is empty where it does not apply.

@@ -29,12 +29,12 @@ impl Recording {
         path: Option<&Path>,
         settings: &Settings,
         scenario: &Scenario,
-        pace: TimeMode,
+        time_mode: TimeMode,
     ) -> anyhow::Result<Self> {
         let Some(path) = path else { return Ok(Self(None)) };
-        let config = Config::of(settings, scenario, pace)
+        let config = Config::of(settings, scenario, time_mode)
             .map_err(|cause| misuse(format!("the scenario cannot be recorded: {cause}")))?;
-        let on_full = match pace {
+        let on_full = match time_mode {
             TimeMode::LockStep => OnFull::Wait,
             TimeMode::RealTime => OnFull::Drop,
         };

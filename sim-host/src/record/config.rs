@@ -24,7 +24,7 @@ impl Config {
     pub fn of(
         settings: &Settings,
         scenario: &Scenario,
-        pace: TimeMode,
+        time_mode: TimeMode,
     ) -> Result<Self, toml::ser::Error> {
         let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         Ok(Self {
@@ -33,7 +33,7 @@ impl Config {
             wire_version: WIRE_VERSION.into(),
             rate_hz: scenario.rate_hz,
             gravity_m_s2: scenario.controller_gravity_m_s2(),
-            pace: match pace {
+            pace: match time_mode {
                 TimeMode::LockStep => LOCK_STEP,
                 TimeMode::RealTime => REAL_TIME,
             }

@@ -89,7 +89,7 @@ impl<'a> Connected<'a> {
         ReconnectingLink::new(
             link,
             timeout,
-            |notice: &LinkEvent| on_event(SessionEvent::Peer(notice)),
+            |event: &LinkEvent| on_event(SessionEvent::Peer(event)),
             |_: &MissingPeer| may_wait(),
         )
     }

@@ -18,7 +18,7 @@ use rustix::process::Signal;
 
 /// Time within which the death of a process must be noticed.
 const SOON: Duration = Duration::from_secs(8);
-const PATIENT: [&str; 2] = ["--timeout", "30"];
+const LONG_TIMEOUT: [&str; 2] = ["--timeout", "30"];
 /// Runs longer than its test.
 const ENDLESS: [&str; 4] = ["--duration", "80000", "--timeout", "30"];
 const SHORT: [&str; 4] = ["--duration", "20", "--start-vx", "0.2"];
@@ -47,8 +47,8 @@ fn a_run_has_the_same_hash_with_any_controller() {
     let spawned = place.alone(&[&["--spawn"], &SHORT[..]].concat()).end();
     let again = place.alone(&[&["--spawn"], &SHORT[..]].concat()).end();
     let within = place.alone(&[&["--in-process"], &SHORT[..]].concat()).end();
-    let controller = place.controller(&PATIENT);
-    let apart = place.simulator(&[&SHORT[..], &PATIENT].concat()).end();
+    let controller = place.controller(&LONG_TIMEOUT);
+    let apart = place.simulator(&[&SHORT[..], &LONG_TIMEOUT].concat()).end();
     let controller = controller.end();
 
     let hash = within.assert_ok().state_hash();
@@ -84,7 +84,7 @@ fn reports_a_killed_controller_and_accepts_another() {
     let place = Place::new();
     for _ in 0..2 {
         let simulator = place.simulator(&["--duration", "80000", "--timeout", "1"]);
-        let mut controller = place.controller(&PATIENT);
+        let mut controller = place.controller(&LONG_TIMEOUT);
         place.wait_for_the_run(None);
         let pid = controller.pid();
         controller.kill();
@@ -102,7 +102,7 @@ fn reports_a_killed_simulator_and_accepts_another() {
     let place = Place::new();
     for _ in 0..2 {
         let mut simulator = place.simulator(&ENDLESS);
-        let controller = place.controller(&PATIENT);
+        let controller = place.controller(&LONG_TIMEOUT);
         place.wait_for_the_run(None);
         let pid = simulator.pid();
         simulator.kill();
@@ -117,12 +117,12 @@ fn reports_a_killed_simulator_and_accepts_another() {
 fn accepts_a_new_peer_before_the_death_of_the_old_one_is_noticed() {
     let place = Place::new();
     let mut simulator = place.simulator(&ENDLESS);
-    let controller = place.controller(&PATIENT);
+    let controller = place.controller(&LONG_TIMEOUT);
     place.wait_for_the_run(None);
-    // It cannot notice, nor clean up after its peer.
+    // It can neither notice the loss of its peer nor clean up.
     simulator.signal(Signal::STOP);
     controller.kill();
-    let successor = place.controller(&PATIENT);
+    let successor = place.controller(&LONG_TIMEOUT);
     std::thread::sleep(Duration::from_millis(300));
     simulator.signal(Signal::CONT);
     // The successor goes on with the run.
@@ -130,8 +130,8 @@ fn accepts_a_new_peer_before_the_death_of_the_old_one_is_noticed() {
     simulator.signal(Signal::INT);
     let simulator = simulator.end();
     simulator.assert(1, &["stopped by a signal"]);
-    for said in ["has taken its role", "is back"] {
-        assert_eq!(simulator.err.matches(said).count(), 1, "{}", simulator.err);
+    for message in ["has taken its role", "is back"] {
+        assert_eq!(simulator.err.matches(message).count(), 1, "{}", simulator.err);
     }
     successor.end().assert(1, &["left before the run was over"]);
     place.assert_clean();
@@ -143,7 +143,7 @@ fn a_signal_ends_a_run_and_cleans_up() {
     let hang_up = requirements::sighup();
     for signal in [Signal::INT, Signal::TERM].into_iter().chain(hang_up.then_some(Signal::HUP)) {
         let mut simulator = place.simulator(&ENDLESS);
-        let controller = place.controller(&PATIENT);
+        let controller = place.controller(&LONG_TIMEOUT);
         place.wait_for_the_run(None);
         simulator.signal(signal);
         simulator.end().assert(1, &["stopped by a signal"]);
@@ -151,7 +151,7 @@ fn a_signal_ends_a_run_and_cleans_up() {
         place.assert_clean();
     }
     let mut simulator = place.simulator(&ENDLESS);
-    let mut controller = place.controller(&PATIENT);
+    let mut controller = place.controller(&LONG_TIMEOUT);
     place.wait_for_the_run(None);
     controller.signal(Signal::TERM);
     controller.end().assert(1, &["stopped by a signal"]);
@@ -164,7 +164,7 @@ fn a_signal_ends_a_run_and_cleans_up() {
     // Two at once, as `timeout` sends them, are one.
     for apart_ms in 0..8 {
         let mut simulator = place.simulator(&ENDLESS);
-        let controller = place.controller(&PATIENT);
+        let controller = place.controller(&LONG_TIMEOUT);
         place.wait_for_the_run(None);
         simulator.signal(Signal::TERM);
         std::thread::sleep(Duration::from_millis(apart_ms));
@@ -175,7 +175,7 @@ fn a_signal_ends_a_run_and_cleans_up() {
     }
 
     // Also while it waits.
-    let mut alone = place.simulator(&PATIENT);
+    let mut alone = place.simulator(&LONG_TIMEOUT);
     while !place.base().join("test/leg.card").exists() {
         std::thread::sleep(Duration::from_millis(5));
     }
@@ -188,17 +188,20 @@ fn a_signal_ends_a_run_and_cleans_up() {
 fn refuses_a_second_process_in_the_same_role() {
     let place = Place::new();
     let mut simulator = place.simulator(&ENDLESS);
-    let mut controller = place.controller(&PATIENT);
+    let mut controller = place.controller(&LONG_TIMEOUT);
     place.wait_for_the_run(None);
     let taken = |role: &str, pid: u32| {
         format!("a {role} is already running in domain `test` (process {pid})")
     };
     place
-        .controller(&PATIENT)
+        .controller(&LONG_TIMEOUT)
         .end()
         .assert(1, &[&taken("controller", controller.pid()), "--domain"]);
-    place.simulator(&PATIENT).end().assert(1, &[&taken("simulator", simulator.pid()), "--domain"]);
-    // The first two did not notice.
+    place
+        .simulator(&LONG_TIMEOUT)
+        .end()
+        .assert(1, &[&taken("simulator", simulator.pid()), "--domain"]);
+    // The first two processes are not affected.
     simulator.signal(Signal::INT);
     simulator.end().assert(1, &["stopped by a signal"]);
     controller.end().assert(1, &["left"]);
@@ -208,8 +211,8 @@ fn refuses_a_second_process_in_the_same_role() {
 #[test]
 fn both_sides_refuse_different_rates() {
     let place = Place::new();
-    let simulator = place.simulator(&[&["--rate", "2000"], &PATIENT[..]].concat());
-    let controller = place.controller(&PATIENT).end();
+    let simulator = place.simulator(&[&["--rate", "2000"], &LONG_TIMEOUT[..]].concat());
+    let controller = place.controller(&LONG_TIMEOUT).end();
     let simulator = simulator.end();
     controller.assert(1, &["the simulator runs at 2000 Hz, this program at 1000 Hz"]);
     simulator.assert(1, &["the controller runs at 1000 Hz, this program at 2000 Hz"]);
@@ -219,8 +222,8 @@ fn both_sides_refuse_different_rates() {
 #[test]
 fn both_sides_refuse_different_gravities() {
     let place = Place::new();
-    let simulator = place.simulator(&[&["--medium", "moon"], &PATIENT[..]].concat());
-    let controller = place.controller(&PATIENT).end();
+    let simulator = place.simulator(&[&["--medium", "moon"], &LONG_TIMEOUT[..]].concat());
+    let controller = place.controller(&LONG_TIMEOUT).end();
     let simulator = simulator.end();
     let remedy = "give both the same --gravity";
     let parts = ["the simulator is under a gravity of 1.62 m/s2", "under 9.81 m/s2", remedy];
@@ -230,7 +233,7 @@ fn both_sides_refuse_different_gravities() {
 
     let short = ["--medium", "moon", "--duration", "1", "--timeout", "30"];
     let simulator = place.simulator(&short);
-    let controller = place.controller(&[&["--gravity", "1.62"], &PATIENT[..]].concat());
+    let controller = place.controller(&[&["--gravity", "1.62"], &LONG_TIMEOUT[..]].concat());
     controller.end().assert_ok();
     simulator.end().assert_ok();
     place.alone(&[&["--spawn"], &short[..]].concat()).end().assert_ok();
@@ -243,7 +246,7 @@ fn warns_once_of_a_policy_for_another_leg() {
     let crab = ["--leg", "crab", "--duration", "0.1", "--timeout", "30"];
     let warning = "warning: the policy hop in place was trained for another leg (80 kg";
     let simulator = place.simulator(&crab);
-    let controller = place.controller(&PATIENT).end();
+    let controller = place.controller(&LONG_TIMEOUT).end();
     for run in [
         controller,
         place.alone(&[&["--in-process"], &crab[..]].concat()).end(),
@@ -261,7 +264,7 @@ fn reports_an_unwritable_picture_before_the_run() {
     let in_the_way = place.policy();
     let shore = place.shore(&in_the_way).end();
     shore.assert(1, &[text(&in_the_way), "shore.svg", "--out"]);
-    assert_eq!(shore.out, "", "nothing has begun");
+    assert_eq!(shore.out, "", "the run has not started");
     assert_eq!(shore.err.lines().count(), 1, "{}", shore.err);
     place.assert_clean();
 }
@@ -346,7 +349,7 @@ fn a_spawned_controller_ends_with_its_simulator() {
 fn the_next_process_removes_the_remains_of_killed_ones() {
     let place = Place::new();
     let simulator = place.simulator(&ENDLESS);
-    let controller = place.controller(&PATIENT);
+    let controller = place.controller(&LONG_TIMEOUT);
     place.wait_for_the_run(None);
     // Frozen first, so that neither sees the other die.
     for mut process in [simulator, controller] {

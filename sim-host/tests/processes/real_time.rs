@@ -15,21 +15,21 @@ fn count(value: &Value, key: &str) -> u64 {
 
 /// Asserts that the counts of a loop add up, and agree with its histogram.
 #[track_caller]
-fn assert_adds_up(figures: &Value, role: &str) {
-    let count = |key| count(figures, key);
-    assert_eq!(figures["role"], role);
-    assert_eq!(figures["rate_hz"], 1000);
+fn assert_adds_up(report: &Value, role: &str) {
+    let count = |key| count(report, key);
+    assert_eq!(report["role"], role);
+    assert_eq!(report["rate_hz"], 1000);
     let kinds = count("idle") + count("received") + count("stale") + count("missed");
-    assert_eq!(kinds, count("ticks"), "{figures}");
+    assert_eq!(kinds, count("ticks"), "{report}");
     let played = count("ticks") - count("missed");
     for key in ["lateness_us", "tick_time_us", "sample_age_us", "round_trip_us"] {
-        let q = &figures[key];
+        let q = &report[key];
         let quantiles =
-            ["p50", "p90", "p99", "p99_9", "max"].map(|q| figures[key][q].as_f64().unwrap());
+            ["p50", "p90", "p99", "p99_9", "max"].map(|q| report[key][q].as_f64().unwrap());
         assert!(quantiles.is_sorted() && quantiles[4] > 0.0, "{key}: {q}");
     }
-    assert_eq!(figures["lateness_us"]["count"], played - count("dropped_records"));
-    let bars = figures["lateness_histogram"].as_array().unwrap();
+    assert_eq!(report["lateness_us"]["count"], played - count("dropped_records"));
+    let bars = report["lateness_histogram"].as_array().unwrap();
     let in_bars: u64 = bars.iter().map(|bar| bar["ticks"].as_u64().unwrap()).sum();
     assert_eq!(in_bars, played - count("dropped_records"));
 }

@@ -25,9 +25,9 @@ use crate::place::{PROGRAM, Place, text};
 const SOON: Duration = Duration::from_secs(20);
 
 fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
-    let begun = Instant::now();
+    let start = Instant::now();
     while !is_so() {
-        assert!(begun.elapsed() < SOON, "{what}");
+        assert!(start.elapsed() < SOON, "{what}");
         std::thread::sleep(Duration::from_millis(2));
     }
 }
@@ -386,7 +386,7 @@ fn rejects_files_that_are_not_recordings_with_status_2() {
     empty("spring-leg");
     replay_of(&file).assert(2, &["no configuration in it"]);
 
-    // As behind a bridge, which cannot be asked for its policy.
+    // As behind a bridge, which does not report its policy.
     let mut controller = shipped_controller();
     record(&file, 1, |_| true, &[], |sample| controller.tick(Some(sample)));
     assert!(matches!(replay::replay(&file, None), Err(ReplayError::NoPolicy(_))));

@@ -10,7 +10,7 @@ use leg_host::Domain;
 use rustix::process::Signal;
 
 use super::place::Place;
-use super::{ENDLESS, PATIENT, SHORT};
+use super::{ENDLESS, LONG_TIMEOUT, SHORT};
 
 /// Long enough to be interrupted: more than a second on any machine.
 const LONG_RUN: [&str; 4] = ["--duration", "400", "--timeout", "30"];
@@ -23,20 +23,20 @@ fn count(text: &str, part: &str) -> usize {
 fn a_run_continues_with_the_next_controller() {
     let place = Place::new();
     let simulator = place.simulator(&LONG_RUN);
-    let mut controller = place.controller(&PATIENT);
+    let mut controller = place.controller(&LONG_TIMEOUT);
     place.wait_for_the_run(None);
     let first = controller.pid();
     controller.kill();
     // Seen, before another takes its place.
     std::thread::sleep(Duration::from_millis(100));
-    let mut controller = place.controller(&PATIENT);
+    let mut controller = place.controller(&LONG_TIMEOUT);
     place.wait_for_status(|status| status["ticks"].as_u64() > Some(0));
     // The second leaves in good order.
     let second = controller.pid();
     controller.signal(Signal::TERM);
     controller.end().assert(1, &["stopped by a signal"]);
     std::thread::sleep(Duration::from_millis(100));
-    let third = place.controller(&PATIENT);
+    let third = place.controller(&LONG_TIMEOUT);
     let simulator = simulator.end();
     simulator.assert_ok();
     assert!(simulator.out.contains("400000 ticks"), "{}", simulator.out);
@@ -53,7 +53,7 @@ fn a_stopped_and_continued_controller_does_not_change_the_run() {
     let place = Place::new();
     let within = place.alone(&[&["--in-process"], &LONG_RUN[..]].concat()).end();
     let mut simulator = place.simulator(&LONG_RUN);
-    let mut controller = place.controller(&PATIENT);
+    let mut controller = place.controller(&LONG_TIMEOUT);
     place.wait_for_the_run(None);
     controller.signal(Signal::STOP);
     std::thread::sleep(Duration::from_millis(1300));
@@ -81,7 +81,7 @@ fn a_controller_serves_run_after_run_however_they_end() {
     let mut controller = place.staying(&[]);
     let pid = controller.pid();
     for _ in 0..2 {
-        let run = place.simulator(&[&SHORT[..], &PATIENT].concat()).end();
+        let run = place.simulator(&[&SHORT[..], &LONG_TIMEOUT].concat()).end();
         assert_eq!(run.assert_ok().state_hash(), within.state_hash());
         assert_eq!(run.err, "");
     }
@@ -90,10 +90,10 @@ fn a_controller_serves_run_after_run_however_they_end() {
     place.wait_for_status(|status| status["peer"]["pid"] == dead);
     killed.kill();
     place.wait_for_status(|status| status["activity"] == "waiting");
-    // One that does not fit is told so, and is no reason to end.
+    // A peer with other parameters is refused, and the controller stays.
     let misfit = place.simulator(&["--rate", "2000", "--timeout", "30"]).end();
     misfit.assert(1, &["the controller runs at 1000 Hz, this program at 2000 Hz"]);
-    let run = place.simulator(&[&SHORT[..], &PATIENT].concat()).end();
+    let run = place.simulator(&[&SHORT[..], &LONG_TIMEOUT].concat()).end();
     assert_eq!(run.assert_ok().state_hash(), within.state_hash(), "as if nothing had been");
     let status = place.status();
     assert_eq!(status["pid"], pid);
@@ -113,37 +113,38 @@ fn a_controller_serves_run_after_run_however_they_end() {
 fn refuses_a_peer_of_another_wire_version() {
     let place = Place::new();
     let domain = Domain::join_in(&place.base(), "test").expect("a domain");
-    let card = |role: &str| {
+    let role_lock = |role: &str| {
         let path = domain.root().join(format!("{role}.card"));
-        let mut card = File::create(&path).expect("a card");
-        card.lock().expect("its lock");
+        let mut role_lock = File::create(&path).expect("a lock file");
+        role_lock.lock().expect("its lock");
         let pid = std::process::id();
-        write!(card, "pid {pid}\nwire 9\nrate_hz 1000\nnovelty 3\ngravity_m_s2 9.81\n").unwrap();
-        (card, path)
+        write!(role_lock, "pid {pid}\nwire 9\nrate_hz 1000\nnovelty 3\ngravity_m_s2 9.81\n")
+            .unwrap();
+        (role_lock, path)
     };
-    let (held, path) = card("leg");
-    let controller = place.controller(&PATIENT).end();
+    let (lock, path) = role_lock("leg");
+    let controller = place.controller(&LONG_TIMEOUT).end();
     let parts = ["the simulator uses version 9", "this program version 1", "the same release"];
     controller.assert(1, &parts);
-    // One that stays says so once, if it was there first.
+    // A controller that stays reports that once.
     fs::remove_file(path).unwrap();
-    drop(held);
+    drop(lock);
     let mut staying = place.staying(&[]);
     place.wait_for_status(|status| status["activity"] == "waiting");
-    let (held, path) = card("leg");
+    let (lock, path) = role_lock("leg");
     std::thread::sleep(Duration::from_millis(300));
     staying.signal(Signal::TERM);
     let staying = staying.end();
     let err = &staying.assert_ok().err;
     assert_eq!(count(err, "the simulator uses version 9"), 1, "{err}");
     fs::remove_file(path).unwrap();
-    drop(held);
+    drop(lock);
 
-    let (held, path) = card("controller");
-    let simulator = place.simulator(&PATIENT).end();
+    let (lock, path) = role_lock("controller");
+    let simulator = place.simulator(&LONG_TIMEOUT).end();
     simulator.assert(1, &["the controller uses version 9", "this program version 1"]);
     fs::remove_file(path).unwrap();
-    drop((held, domain));
+    drop((lock, domain));
     place.assert_clean();
 }
 
@@ -184,7 +185,7 @@ fn reports_that_processes_of_two_users_cannot_connect() {
         assert_eq!(status, Some(1), "{err}");
         assert!(err.contains("no controller") && err.contains(apart), "{err}");
     }
-    // A folder of that name that belongs to somebody else is no place to meet.
+    // A directory of that name that belongs to another user is refused.
     let theirs = place.file(&format!("spring-leg-{NOBODY}"));
     if theirs.exists() {
         fs::remove_dir_all(&theirs).unwrap();

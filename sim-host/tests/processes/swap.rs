@@ -8,27 +8,28 @@ use std::time::{Duration, Instant};
 use rustix::process::Signal;
 
 use super::place::{Place, hopping_named, text};
-use super::{ENDLESS, PATIENT};
+use super::{ENDLESS, LONG_TIMEOUT};
 
 #[test]
 fn swaps_a_policy_at_an_apex_and_rejects_an_invalid_one() {
     let place = Place::new();
     let other = place.file("other.bin");
     fs::write(&other, hopping_named("other")).unwrap();
-    let nobody = place.request(&["swap", text(&other)]);
-    nobody.assert(1, &["no controller is running in domain `test`", "controller --policy FILE"]);
+    let unanswered = place.request(&["swap", text(&other)]);
+    unanswered
+        .assert(1, &["no controller is running in domain `test`", "controller --policy FILE"]);
 
     let mut simulator = place.simulator(&ENDLESS);
-    let mut controller = place.staying(&PATIENT);
+    let mut controller = place.staying(&LONG_TIMEOUT);
     place.wait_for_the_run(None);
     let before = place.status();
     assert_eq!(before["policy"]["name"], "hop in place");
     assert_eq!((&before["swaps"], &before["pending"]), (&0.into(), &serde_json::Value::Null));
     let swapped = place.request(&["swap", text(&other)]);
-    let said = &swapped.assert_ok().out;
+    let message = &swapped.assert_ok().out;
     assert!(
-        said.contains("the policy other") && said.contains("instead of hop in place"),
-        "{said}"
+        message.contains("the policy other") && message.contains("instead of hop in place"),
+        "{message}"
     );
     let after = place.status();
     assert_eq!((after["policy"]["name"].as_str(), &after["swaps"]), (Some("other"), &1.into()));
@@ -88,7 +89,7 @@ fn a_hundred_swaps_on_a_hopping_leg_lose_no_tick() {
     let run = ["--duration", "2000", "--json", "--timeout", "30"];
     let within = place.alone(&[&["--in-process"], &run[..]].concat()).end();
     let simulator = place.simulator(&run);
-    let mut controller = place.staying(&PATIENT);
+    let mut controller = place.staying(&LONG_TIMEOUT);
     place.wait_for_status(|status| status["activity"] == "running");
     for i in 0..SWAPS {
         let file = &files[i as usize % 2];
@@ -102,7 +103,7 @@ fn a_hundred_swaps_on_a_hopping_leg_lose_no_tick() {
     let json = |run: &str| -> serde_json::Value { serde_json::from_str(run).expect("JSON") };
     let (swapped, plain) = (json(&simulator.assert_ok().out), json(&within.out));
     assert_eq!(swaps, Some(SWAPS), "all in force while the leg hopped: {swapped}");
-    // The policies differ in name only, so not even the hash may tell.
+    // The policies differ in name only, so the hash must be equal, too.
     for key in ["state_hash", "ticks", "safe_ticks", "rejected", "held_ticks", "silences"] {
         assert_eq!(swapped[key], plain[key], "{key}");
     }

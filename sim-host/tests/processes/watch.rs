@@ -35,7 +35,7 @@ impl Watch {
             .spawn()
             .expect("`script`, of Debian's package bsdutils");
         let keys = script.stdin.take();
-        let mut output = script.stdout.take().expect("asked for");
+        let mut output = script.stdout.take().expect("piped");
         let screen = Arc::new(Mutex::new(String::new()));
         let seen = Arc::clone(&screen);
         std::thread::spawn(move || {
@@ -51,9 +51,9 @@ impl Watch {
     /// changed cells are drawn, so the text has no blanks between words.
     #[track_caller]
     fn wait_for(&self, text: &str) {
-        let begun = Instant::now();
+        let start = Instant::now();
         while !self.screen.lock().unwrap().contains(text) {
-            assert!(begun.elapsed() < SOON, "`{text}` is not drawn");
+            assert!(start.elapsed() < SOON, "`{text}` is not drawn");
             std::thread::sleep(Duration::from_millis(5));
         }
         self.screen.lock().unwrap().clear();
@@ -82,9 +82,9 @@ impl Drop for Watch {
 
 #[track_caller]
 fn wait_until_clean(place: &Place) {
-    let begun = Instant::now();
+    let start = Instant::now();
     while place.base().exists() {
-        assert!(begun.elapsed() < SOON, "who watches keeps the domain");
+        assert!(start.elapsed() < SOON, "the view keeps the domain alive");
         std::thread::sleep(Duration::from_millis(5));
     }
     place.assert_clean();
@@ -99,7 +99,7 @@ fn watching_does_not_change_a_run_and_can_operate_it() {
 
     let mut watch = Watch::begin(&place);
     watch.wait_for("waiting");
-    assert!(!place.base().exists(), "it waits outside of a domain that nobody plays in");
+    assert!(!place.base().exists(), "it does not create a domain without processes");
     let watched = run("50");
     watch.wait_for("lock-step");
     assert_eq!(watched.end().assert_ok().state_hash(), bare);
@@ -130,12 +130,12 @@ fn a_closed_terminal_ends_the_view_even_if_sighup_is_ignored() {
     watch.wait_for("waiting");
     let pid = std::fs::read_to_string(&pid_file).expect("its process");
     watch.script.kill().expect("the terminal");
-    let begun = Instant::now();
+    let start = Instant::now();
     // A zombie has no command line.
     let runs =
         || std::fs::read(format!("/proc/{}/cmdline", pid.trim())).is_ok_and(|c| !c.is_empty());
     while runs() {
-        assert!(begun.elapsed() < SOON, "process {pid} goes on without a terminal");
+        assert!(start.elapsed() < SOON, "process {pid} continues without a terminal");
         std::thread::sleep(Duration::from_millis(5));
     }
 }

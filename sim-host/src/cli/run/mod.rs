@@ -25,9 +25,9 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
              its own --policy",
         ));
     }
-    let pace = if args.real_time.is_on() { TimeMode::RealTime } else { TimeMode::LockStep };
-    let recording = Recording::begin(args.record.as_deref(), &settings, &scenario, pace)?;
-    match pace {
+    let time_mode = if args.real_time.is_on() { TimeMode::RealTime } else { TimeMode::LockStep };
+    let recording = Recording::begin(args.record.as_deref(), &settings, &scenario, time_mode)?;
+    match time_mode {
         TimeMode::LockStep => lock_step::main(&scenario, args, recording),
         TimeMode::RealTime => real_time::main(&scenario, args, recording),
     }

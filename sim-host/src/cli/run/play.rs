@@ -45,11 +45,11 @@ pub(super) fn warn_of_other_leg(policy: &Policy<'_>, scenario: &Scenario) {
 pub(super) fn operated(
     domain: &str,
     rate_hz: u32,
-    pace: TimeMode,
+    time_mode: TimeMode,
     stop: &Stop,
     timing: Option<LatestReport>,
 ) -> Option<Operated> {
-    Operated::open(domain, rate_hz, pace, stop, timing)
+    Operated::open(domain, rate_hz, time_mode, stop, timing)
         .inspect_err(|error| {
             eprintln!("sim-host: warning: this run cannot be operated from `watch`: {error}");
         })
