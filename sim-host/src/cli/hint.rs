@@ -7,6 +7,7 @@ use leg_host::serve::ServeError;
 use leg_host::shm::ConnectError;
 
 use crate::bridge::BridgeError;
+use crate::record::read::ReadError;
 use crate::session::SessionError;
 use crate::session::two_processes::PlayError;
 
@@ -42,5 +43,13 @@ fn session_error(error: &SessionError) -> Option<String> {
     match error {
         SessionError::Link { cause, .. } => link_error(cause),
         SessionError::NoAnswer { .. } => Some("--timeout changes the time to wait".to_owned()),
+    }
+}
+
+/// Returns what to do about a file that is not a recording.
+pub(super) fn read_error(error: &ReadError) -> Option<String> {
+    match error {
+        ReadError::NotOurs { .. } => Some("`sim-host run --record FILE` makes one".to_owned()),
+        _ => None,
     }
 }

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::Context;
 
-use super::misuse;
+use super::{hint, misuse};
 use crate::plot::{Course, picture};
 use leg_process::atomic_file;
 
@@ -33,7 +33,9 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
             "--from {from_s} --until {until_s}: the first must be 0 or more, the second above it"
         )));
     }
-    let course = Course::read(&args.recording, from_s..until_s).map_err(misuse)?;
+    let course = Course::read(&args.recording, from_s..until_s).map_err(|error| {
+        misuse(leg_host::cli::hint::with_hint(&error, hint::read_error(&error)))
+    })?;
     if course.is_empty() {
         return Err(misuse(format!(
             "{}: it has no ticks between --from {from_s} s and --until {until_s} s; it ends at {:.3} s",

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use leg_process::policy_file::PolicyFile;
 use leg_process::stdout;
 
-use super::misuse;
+use super::{hint, misuse};
 use crate::replay::{self, ReplayError};
 
 /// Feeds the samples of a recording to a controller and compares its commands
@@ -26,7 +26,8 @@ pub(super) struct Args {
 
 pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let other = args.policy.as_deref().map(PolicyFile::read).transpose().map_err(misuse)?;
-    let report = replay::replay(&args.recording, other.as_ref()).map_err(with_hint)?;
+    let report =
+        replay::replay(&args.recording, other.as_ref()).map_err(|error| with_hint(&error))?;
     for warning in &report.warnings {
         eprintln!("sim-host: warning: {warning}");
     }
@@ -38,9 +39,12 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     Ok(if report.equal { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-fn with_hint(error: ReplayError) -> anyhow::Error {
-    match error {
-        ReplayError::NoPolicy(_) => misuse(format!("{error}; name it by --policy FILE")),
-        error => misuse(error),
-    }
+/// Adds the option that helps; the caller can correct every error of a replay.
+fn with_hint(error: &ReplayError) -> anyhow::Error {
+    let hint = match error {
+        ReplayError::NoPolicy(_) => Some("--policy FILE names it".to_owned()),
+        ReplayError::Read(cause) => hint::read_error(cause),
+        _ => None,
+    };
+    misuse(leg_host::cli::hint::with_hint(error, hint))
 }

@@ -422,7 +422,8 @@ fn what_cannot_be_bridged_is_refused_with_status_2() {
     start(&["--unix", "a", "--noise", "2"]).assert(2, &["--noise", "2", "0.5"]);
     start(&["--unix", "a", "--mode", "b"]).assert(2, &["lock-step", "live"]);
     let board = Board::new(&place, &[]);
-    start(&["--unix", board.socket(), "--domain", "a/b"]).assert(2, &["a/b", "is not a name"]);
+    start(&["--unix", board.socket(), "--domain", "a/b"])
+        .assert(2, &["a/b", "is not a valid domain name"]);
 
     // A bad file is refused before anything is opened.
     let bad = place.policy().with_file_name("bad.bin");

@@ -308,7 +308,10 @@ fn rejects_invalid_scenarios_with_status_2() {
         place.simulator(&[flag, "-1"]).end().assert(2, &[key, "-1", limit]);
     }
     place.simulator(&["--policy", "any.bin"]).end().assert(2, &["--policy", "--spawn"]);
-    place.alone(&["--spawn", "--domain", "a/b"]).end().assert(2, &["a/b", "is not a name"]);
+    place
+        .alone(&["--spawn", "--domain", "a/b"])
+        .end()
+        .assert(2, &["a/b", "is not a valid domain name"]);
 
     let scenario = place.base().with_extension("toml");
     fs::write(&scenario, "duration_s = 1.0\nsped = 3\n").unwrap();

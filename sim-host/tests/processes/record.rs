@@ -364,7 +364,7 @@ fn a_replay_swaps_policies_as_the_run_did() {
     assert!(report.first_difference.is_some_and(|found| found.tick > 1700), "the swap acts");
     let report = replayed(&[first, PolicyMessage { blob: Vec::new(), ..second }]);
     assert_eq!((report.equal, report.compared), (true, 1700));
-    assert!(report.not_compared.is_some_and(|why| why.contains("does not have")));
+    assert!(report.not_compared.is_some_and(|why| why.contains("does not contain")));
 }
 
 #[test]
@@ -384,7 +384,7 @@ fn rejects_files_that_are_not_recordings_with_status_2() {
     empty("ros2");
     replay_of(&file).assert(2, &["profile is `ros2`", "--record"]);
     empty("spring-leg");
-    replay_of(&file).assert(2, &["no configuration in it"]);
+    replay_of(&file).assert(2, &["cut off before its first configuration"]);
 
     // As behind a bridge, which does not report its policy.
     let mut controller = shipped_controller();

@@ -176,7 +176,7 @@ fn reports_that_processes_of_two_users_cannot_connect() {
     };
     let mut controller = place.staying(&[]);
     place.wait_for_status(|status| status["activity"] == "waiting");
-    let apart = "user 0 has domains here too; processes of two users do not meet";
+    let apart = "user 0 has domains here too; processes of two users cannot connect";
     for arguments in [
         &["run", "--domain", "test", "--timeout", "0.2"][..],
         &["controller", "status", "--domain", "test"],

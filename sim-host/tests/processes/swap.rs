@@ -47,7 +47,9 @@ fn swaps_a_policy_at_an_apex_and_rejects_an_invalid_one() {
     blob[60] ^= 1;
     let bad = place.file("bad.bin");
     fs::write(&bad, blob).unwrap();
-    place.request(&["swap", text(&bad)]).assert(2, &["bad.bin", "not a policy", "other", "stays"]);
+    place
+        .request(&["swap", text(&bad)])
+        .assert(2, &["bad.bin", "not a valid policy", "other", "stays"]);
     let none = place.file("none.bin");
     place.request(&["swap", text(&none)]).assert(2, &["cannot read", "none.bin"]);
     place.request(&["swap"]).assert(2, &["FILE"]);
@@ -69,7 +71,8 @@ fn swaps_a_policy_at_an_apex_and_rejects_an_invalid_one() {
     let controller = controller.end();
     controller.assert(0, &["the policy other", "has taken over at tick"]);
     if sighup {
-        controller.assert(0, &["policy.bin is read again", "policy.bin is not a policy", "stays"]);
+        controller
+            .assert(0, &["policy.bin is read again", "policy.bin is not a valid policy", "stays"]);
     }
     place.assert_clean();
 }

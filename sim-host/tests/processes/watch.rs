@@ -144,5 +144,8 @@ fn a_closed_terminal_ends_the_view_even_if_sighup_is_ignored() {
 fn rejects_a_missing_terminal_and_an_invalid_name() {
     let place = Place::new();
     place.start("watch", &[]).end().assert(2, &["needs a terminal"]);
-    place.start("watch", &["--domain", "a/b"]).end().assert(2, &["a/b", "is not a name"]);
+    place
+        .start("watch", &["--domain", "a/b"])
+        .end()
+        .assert(2, &["a/b", "is not a valid domain name"]);
 }
