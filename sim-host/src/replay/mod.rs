@@ -26,10 +26,6 @@ use controller::{Divergence, ReplayController, Swap};
 pub use report::{ApexComparison, ReplayReport};
 pub use source::{Answer, Source, Summary};
 
-/// Oldest version of the messages with the same fields as today: version 2 only gave
-/// `run_id` and `set_points_refused` their names.
-const OLDEST_WIRE_VERSION: u32 = 1;
-
 /// Why a recording cannot be replayed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -135,7 +131,7 @@ pub fn replay(path: &Path, other: Option<&PolicyFile>) -> Result<ReplayReport, R
 
 fn control_config(path: &Path, config: &Config) -> Result<ControlConfig, ReplayError> {
     let ours = leg_control::wire::WIRE_VERSION;
-    if !(OLDEST_WIRE_VERSION..=u32::from(ours)).contains(&config.wire_version) {
+    if config.wire_version != u32::from(ours) {
         return Err(ReplayError::WireVersion {
             path: path.to_owned(),
             theirs: config.wire_version,

@@ -66,8 +66,6 @@ pub struct Answer {
 pub struct Source {
     reader: Reader,
     samples: VecDeque<wire::Sample>,
-    /// Version of the messages, from the configuration.
-    recorded_version: u32,
     /// Run id and number of the last sample.
     last: Option<(u32, u64)>,
     gap: Option<String>,
@@ -79,13 +77,7 @@ impl Source {
     /// # Errors
     /// [`ReadError`] if the file is not a recording.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
-        Ok(Self {
-            reader: Reader::open(path)?,
-            samples: VecDeque::new(),
-            recorded_version: wire::WIRE_VERSION.into(),
-            last: None,
-            gap: None,
-        })
+        Ok(Self { reader: Reader::open(path)?, samples: VecDeque::new(), last: None, gap: None })
     }
 
     /// Returns the next answer, `None` after the last.
@@ -95,13 +87,8 @@ impl Source {
     pub fn next_answer(&mut self) -> Result<Option<Answer>, ReadError> {
         while let Some(message) = self.reader.next_message()? {
             match message {
-                AnyMessage::Config(config) => self.recorded_version = config.wire_version,
-                AnyMessage::Sample(mut sample) => {
-                    self.update_version(&mut sample.version);
-                    self.push(&(&sample).into());
-                }
-                AnyMessage::Command(mut command) if command.is_new => {
-                    self.update_version(&mut command.version);
+                AnyMessage::Sample(sample) => self.push(&(&sample).into()),
+                AnyMessage::Command(command) if command.is_new => {
                     return Ok(Some(self.answer((&command).into())));
                 }
                 _ => (),
@@ -118,15 +105,6 @@ impl Source {
     pub fn warning(&mut self) -> Result<Option<String>, ReadError> {
         while self.reader.next_message()?.is_some() {}
         Ok(self.reader.warning())
-    }
-
-    /// Replaces the recording's version of the messages by the current one, so that
-    /// the controller accepts the sample and its command can be equal. A message that
-    /// has another version than its recording keeps it.
-    fn update_version(&self, version: &mut u32) {
-        if *version == self.recorded_version {
-            *version = wire::WIRE_VERSION.into();
-        }
     }
 
     fn push(&mut self, sample: &wire::Sample) {
