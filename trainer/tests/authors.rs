@@ -26,9 +26,7 @@ fn at(packed: &PackedActor, rho: f64) -> Survival {
     survival(&packed.actor(), &hopper(rho), rho, &starts)
 }
 
-/// Compares survival, median and 95 % quantile of
-/// v
-/// , and the reward over five steps.
+/// Compares survival, median and 95 % quantile of |v|, and the reward over five steps.
 fn assert_near(s: Survival, survive30: f64, v: Option<[f64; 2]>, reward5: f64) {
     // Three standard errors of 2,000 starts and of the reference's 5,000.
     let error = (survive30 * (1.0 - survive30) * (1.0 / 2000.0 + 1.0 / 5000.0)).sqrt();

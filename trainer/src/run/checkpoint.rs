@@ -1,8 +1,8 @@
 //! Checkpoints: the complete state of a training in one file.
 //!
 //! ```text
-//! "LEGCHKPT", version u32, length of the payload u64, payload (postcard), CRC-32 of everything
-//! before
+//! "LEGCHKPT", version u32, length of the payload u64, payload (postcard), CRC-32 of all that
+//! precedes it
 //! ```
 //!
 //! Integers are little-endian. A checkpoint is written to a temporary file, synced and renamed,
