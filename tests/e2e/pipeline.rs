@@ -12,11 +12,11 @@ fn run(command: &mut Command) -> (String, String, Option<i32>) {
 
 fn train(folder: &Path, name: &str) -> Vec<u8> {
     let path = folder.join(name);
-    let (_, said, status) = run(harness::program("trainer")
+    let (_, stderr, status) = run(harness::program("trainer")
         .args(["train", "--preset", "robust", "--seed", "3", "--steps", "9000"])
         .args(["--eval-starts", "0", "--out"])
         .arg(&path));
-    assert_eq!(status, Some(0), "{said}");
+    assert_eq!(status, Some(0), "{stderr}");
     std::fs::read(path).expect("a policy file")
 }
 
@@ -29,10 +29,10 @@ fn trains_and_evaluates_a_policy_and_runs_it_in_a_separate_controller_process() 
     assert!(log.lines().count() > 500, "one line per episode");
     let policy = folder.path().join("policy.bin");
 
-    let (json, said, status) = run(harness::program("trainer")
+    let (json, stderr, status) = run(harness::program("trainer")
         .args(["eval", "--json", "--starts", "40", "--policy"])
         .arg(&policy));
-    assert_eq!(status, Some(0), "{said}");
+    assert_eq!(status, Some(0), "{stderr}");
     let report: Value = serde_json::from_str(&json).expect("one JSON object");
     for metric in ["survive30", "abs_v_median", "abs_v_p95", "reward5", "max_speed"] {
         assert!(report[metric]["0"].is_number() || report[metric]["0"].is_null(), "{metric}");
@@ -49,7 +49,7 @@ fn trains_and_evaluates_a_policy_and_runs_it_in_a_separate_controller_process() 
         .spawn()
         .expect("the controller starts");
     let options = ["run", "--medium", "water", "--duration", "20", "--set-point", "0.3", "--json"];
-    let (separate, said, _) =
+    let (separate, stderr, _) =
         run(harness::program("sim-host").args(options).args(["--domain", &domain]));
     assert!(controller.wait().expect("the controller ends").success());
     let (together, _, _) = run(harness::program("sim-host")
@@ -58,7 +58,7 @@ fn trains_and_evaluates_a_policy_and_runs_it_in_a_separate_controller_process() 
         .arg("--policy")
         .arg(&policy));
     let hash = |json: &str| {
-        let run: Value = serde_json::from_str(json).unwrap_or_else(|_| panic!("{json}{said}"));
+        let run: Value = serde_json::from_str(json).unwrap_or_else(|_| panic!("{json}{stderr}"));
         assert!(run["ticks"].as_u64().unwrap() > 1_000);
         run["state_hash"].clone()
     };
@@ -72,12 +72,12 @@ fn trainer_infer_prints_the_actions_of_the_controllers_actor() {
     let folder = tempfile::tempdir().unwrap();
     let observations = folder.path().join("obs.csv");
     std::fs::write(&observations, "vx,y,rho\n0.5,2,0\n-1.25,1.5,1\n").unwrap();
-    let (csv, said, status) = run(harness::program("trainer")
+    let (csv, stderr, status) = run(harness::program("trainer")
         .args(["infer", "--input"])
         .arg(&observations)
         .arg("--policy")
         .arg(harness::root().join("controller/policies/robust.bin")));
-    assert_eq!(status, Some(0), "{said}");
+    assert_eq!(status, Some(0), "{stderr}");
     let policy = Policy::parse(SHIPPED).unwrap();
     let mut rows = csv.lines();
     assert_eq!(rows.next(), Some("vx,y,rho,alpha,rs"));

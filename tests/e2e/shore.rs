@@ -51,10 +51,10 @@ fn rejects_a_file_that_is_not_a_policy_with_one_message_and_status_2() {
     let path = folder.path().join("not-a-policy.bin");
     std::fs::write(&path, b"GIF89a, an image").unwrap();
     let output = shore(folder.path(), &["--policy", path.to_str().unwrap()]);
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{said}");
-    assert!(said.contains("not-a-policy.bin") && said.contains("LEGACTOR"), "{said}");
-    assert_eq!(said.lines().count(), 1, "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{stderr}");
+    assert!(stderr.contains("not-a-policy.bin") && stderr.contains("LEGACTOR"), "{stderr}");
+    assert_eq!(stderr.lines().count(), 1, "{stderr}");
     assert!(!folder.path().join("shore.svg").exists());
 }
 
@@ -64,7 +64,7 @@ fn reports_an_output_folder_that_cannot_be_written() {
     let file = folder.path().join("in-the-way");
     std::fs::write(&file, b"").unwrap();
     let output = shore(&file.join("out"), &["--json"]);
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{said}");
-    assert!(said.contains("in-the-way"), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    assert!(stderr.contains("in-the-way"), "{stderr}");
 }

@@ -1,7 +1,7 @@
 //! Things that some tests need and that not every machine has: an emulator, a C
 //! compiler, the authors' data.
 //!
-//! A test asks for what it needs and returns early where that is missing:
+//! A test checks for what it needs and returns early where that is missing:
 //!
 //! ```
 //! if !requirements::gcc() {

@@ -100,7 +100,7 @@ impl Budgets {
             return Ok(());
         }
         bail!(
-            "{}\nMake it smaller, or accept it with `cargo xtask budget --accept` and say why in \
+            "{}\nMake it smaller, or accept it with `cargo xtask budget --accept` and give the reason in \
              the commit",
             errors.join("\n")
         )

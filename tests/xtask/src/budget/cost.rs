@@ -110,11 +110,11 @@ fn uses_result(instruction: &Instruction, next: &Instruction) -> bool {
 /// singles.
 fn registers_of(operands: &str) -> BTreeSet<String> {
     let mut found = BTreeSet::new();
-    for word in operands.split([',', ' ', '{', '}', '[', ']', '!']) {
-        let (first, last) = word.split_once('-').unwrap_or((word, word));
+    for name in operands.split([',', ' ', '{', '}', '[', ']', '!']) {
+        let (first, last) = name.split_once('-').unwrap_or((name, name));
         let (Some((bank, from)), Some((_, to))) = (numbered(first), numbered(last)) else {
-            if ["lr", "pc", "sp", "ip", "fp", "sl", "r9"].contains(&word) {
-                found.insert(word.to_owned());
+            if ["lr", "pc", "sp", "ip", "fp", "sl", "r9"].contains(&name) {
+                found.insert(name.to_owned());
             }
             continue;
         };

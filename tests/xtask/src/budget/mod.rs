@@ -2,9 +2,9 @@
 //! the emulator.
 //!
 //! The bench images of `controller/firmware/src/bench` run the control law and compare
-//! the kernels; QEMU logs every instruction ([`trace`]), objdump says what it was
-//! ([`disassembly`]), a table what it costs ([`cost`]). The same image
-//! gives the same counts, to the instruction.
+//! the kernels; QEMU logs every instruction ([`trace`]), objdump disassembles it
+//! ([`disassembly`]), and a table estimates its cycles ([`cost`]). The same image gives the
+//! same counts, to the instruction.
 
 mod budgets;
 mod cost;
