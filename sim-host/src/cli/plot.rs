@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::Context;
 
 use super::{hint, misuse};
-use crate::plot::{Course, picture};
+use crate::plot::{PlotData, picture};
 use leg_process::atomic_file;
 
 /// Plots a recording over time: height, velocity at each apex and set-point,
@@ -33,20 +33,20 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
             "--from {from_s} --until {until_s}: the first must be 0 or more, the second above it"
         )));
     }
-    let course = Course::read(&args.recording, from_s..until_s).map_err(|error| {
+    let data = PlotData::read(&args.recording, from_s..until_s).map_err(|error| {
         misuse(leg_host::cli::hint::with_hint(&error, hint::read_error(&error)))
     })?;
-    if course.is_empty() {
+    if data.is_empty() {
         return Err(misuse(format!(
             "{}: it has no ticks between --from {from_s} s and --until {until_s} s; it ends at {:.3} s",
             args.recording.display(),
-            course.end_s
+            data.end_s
         )));
     }
-    if let Some(warning) = &course.warning {
+    if let Some(warning) = &data.warning {
         eprintln!("sim-host: warning: {warning}");
     }
-    let svg = picture::draw(&course)
+    let svg = picture::draw(&data)
         .map_err(|cause| anyhow::anyhow!("cannot draw the picture: {cause}"))?;
     atomic_file::write(&args.out, svg.as_bytes())
         .with_context(|| format!("cannot write {}", args.out.display()))?;

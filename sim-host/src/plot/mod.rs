@@ -1,6 +1,6 @@
 //! Plots a recording.
 
-mod course;
+mod data;
 pub mod picture;
 
-pub use course::Course;
+pub use data::PlotData;

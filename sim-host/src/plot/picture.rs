@@ -4,24 +4,24 @@ use std::ops::Range;
 
 use leg_charts::{Axis, Color, DrawError, Mark, Panel, Sheet, color, steps};
 
-use super::course::{Course, Line};
+use super::data::{Line, PlotData};
 use crate::record::schema::{Event, EventKind};
 
 /// Touchdowns and lift-offs are marked one by one up to this many events.
 const MOST_MARKS: usize = 400;
 
-/// Draws a course as SVG text.
+/// Draws a data as SVG text.
 ///
 /// # Errors
 /// [`DrawError`] if the drawing library cannot lay out a panel.
-pub fn draw(course: &Course) -> Result<String, DrawError> {
-    Sheet::new(&course.title, "")
+pub fn draw(data: &PlotData) -> Result<String, DrawError> {
+    Sheet::new(&data.title, "")
         .width_px(1_400)
-        .row(200, vec![height(course)])
-        .row(160, vec![velocity(course)])
-        .row(120, vec![density(course)])
-        .row(120, vec![leg_angle(course)])
-        .row(120, vec![elongation(course)])
+        .row(200, vec![height(data)])
+        .row(160, vec![velocity(data)])
+        .row(120, vec![density(data)])
+        .row(120, vec![leg_angle(data)])
+        .row(120, vec![elongation(data)])
         .draw()
 }
 
@@ -31,34 +31,34 @@ fn around(label: &str, least: Range<f64>, lines: &[&Line]) -> Axis {
     Axis::around(label, values.chain([least.start, least.end]))
 }
 
-/// Returns a panel over the course's time. Stretches that are not as usual are shaded.
-fn panel(course: &Course, title: &str, y: Axis, is_last: bool) -> Panel {
+/// Returns a panel over the data's time. Stretches that are not as usual are shaded.
+fn panel(data: &PlotData, title: &str, y: Axis, is_last: bool) -> Panel {
     let shaded = |stretches: &[Range<f64>], color: Color, label: &str| {
         let corners =
             stretches.iter().map(|t| [(t.start, y.range.start), (t.end, y.range.end)]).collect();
         let shades = Mark::shades(corners, color);
         if stretches.is_empty() { shades } else { shades.label(label) }
     };
-    let safe = shaded(&course.safe, color::YELLOW.with_opacity(0.28), "safe command");
-    let gaps = shaded(&course.gaps, color::GREY.with_opacity(0.3), "not recorded");
-    let x = Axis::new(if is_last { "time, s" } else { "" }, course.span());
+    let safe = shaded(&data.safe, color::YELLOW.with_opacity(0.28), "safe command");
+    let gaps = shaded(&data.gaps, color::GREY.with_opacity(0.3), "not recorded");
+    let x = Axis::new(if is_last { "time, s" } else { "" }, data.span());
     Panel::new(title, x, y).with(safe).with(gaps)
 }
 
-fn height(course: &Course) -> Panel {
-    let y = around("height, m", 0.0..1.2, &[&course.height]);
+fn height(data: &PlotData) -> Panel {
+    let y = around("height, m", 0.0..1.2, &[&data.height]);
     let bottom = y.range.start;
-    let mut panel = panel(course, "Height of the mass", y, false)
-        .with(Mark::line(course.height.clone(), color::INK).width_px(1.0));
+    let mut panel = panel(data, "Height of the mass", y, false)
+        .with(Mark::line(data.height.clone(), color::INK).width_px(1.0));
     let of_kind = |kind: EventKind| -> Vec<&Event> {
-        course.events.iter().filter(|event| event.kind() == kind).collect()
+        data.events.iter().filter(|event| event.kind() == kind).collect()
     };
     for (kind, color, label) in [
         (EventKind::Touchdown, color::ORANGE, "touchdown"),
         (EventKind::LiftOff, color::GREEN, "lift-off"),
     ] {
         let events = of_kind(kind);
-        if events.is_empty() || course.events.len() > MOST_MARKS {
+        if events.is_empty() || data.events.len() > MOST_MARKS {
             continue;
         }
         let stems = events.iter().map(|e| [(e.t_s, bottom), (e.t_s, e.y_m)]).collect();
@@ -75,14 +75,14 @@ fn height(course: &Course) -> Panel {
     panel.with(Mark::crosses(falls, color::RED).radius_px(8.0).label("fall"))
 }
 
-fn velocity(course: &Course) -> Panel {
-    let at_apex: Line = course.apexes.iter().map(|apex| (apex.t_s, apex.vx_m_s)).collect();
-    let lines = [&course.velocity, &course.set_point, &at_apex];
+fn velocity(data: &PlotData) -> Panel {
+    let at_apex: Line = data.apexes.iter().map(|apex| (apex.t_s, apex.vx_m_s)).collect();
+    let lines = [&data.velocity, &data.set_point, &at_apex];
     let y = around("velocity, m/s", -0.1..0.3, &lines);
-    let set_point = steps(course.set_point.iter().copied());
-    panel(course, "Horizontal velocity", y, false)
+    let set_point = steps(data.set_point.iter().copied());
+    panel(data, "Horizontal velocity", y, false)
         .with(
-            Mark::line(course.velocity.clone(), color::INK.with_opacity(0.25))
+            Mark::line(data.velocity.clone(), color::INK.with_opacity(0.25))
                 .width_px(1.0)
                 .label("at each tick"),
         )
@@ -90,15 +90,15 @@ fn velocity(course: &Course) -> Panel {
         .with(Mark::dots(at_apex, color::INK).label("at each apex"))
 }
 
-fn density(course: &Course) -> Panel {
+fn density(data: &PlotData) -> Panel {
     let estimates = |answered: bool| -> Line {
-        let apexes = course.apexes.iter().filter(|apex| apex.answered == answered);
+        let apexes = data.apexes.iter().filter(|apex| apex.answered == answered);
         apexes.map(|apex| (apex.t_s, apex.density_estimate)).collect()
     };
     let [answered, unanswered] = [estimates(true), estimates(false)];
-    let y = around("density ratio", 0.0..1.0, &[&course.density, &answered, &unanswered]);
-    let truth = steps(course.density.iter().copied());
-    let panel = panel(course, "Density of the medium over that of water", y, false)
+    let y = around("density ratio", 0.0..1.0, &[&data.density, &answered, &unanswered]);
+    let truth = steps(data.density.iter().copied());
+    let panel = panel(data, "Density of the medium over that of water", y, false)
         .with(Mark::area(truth, 0.0, color::BLUE).label("true"))
         .with(Mark::dots(answered, color::INK).label("used by the controller at each apex"));
     if unanswered.is_empty() {
@@ -107,17 +107,17 @@ fn density(course: &Course) -> Panel {
     panel.with(Mark::dots(unanswered, color::INK).as_rings().label("without a reply"))
 }
 
-fn leg_angle(course: &Course) -> Panel {
+fn leg_angle(data: &PlotData) -> Panel {
     let title = "Commanded leg angle from upright, positive with the foot ahead";
-    let y = around("leg angle, deg", -10.0..10.0, &[&course.leg_angle]);
-    let angle = steps(course.leg_angle.iter().copied());
-    panel(course, title, y, false).with(Mark::line(angle, color::INK).width_px(1.0))
+    let y = around("leg angle, deg", -10.0..10.0, &[&data.leg_angle]);
+    let angle = steps(data.leg_angle.iter().copied());
+    panel(data, title, y, false).with(Mark::line(angle, color::INK).width_px(1.0))
 }
 
-fn elongation(course: &Course) -> Panel {
-    let y = around("elongation, cm", 0.0..10.0, &[&course.elongation]);
-    panel(course, "Commanded elongation of the spring", y, true).with(Mark::area(
-        course.elongation.clone(),
+fn elongation(data: &PlotData) -> Panel {
+    let y = around("elongation, cm", 0.0..10.0, &[&data.elongation]);
+    panel(data, "Commanded elongation of the spring", y, true).with(Mark::area(
+        data.elongation.clone(),
         0.0,
         color::GREEN,
     ))
@@ -134,7 +134,7 @@ mod tests {
         let apex = |t_s: f64| Apex { t_s, answered: t_s < 0.5, ..Apex::default() };
         let event =
             |t_s: f64, kind: EventKind| Event { t_s, kind: kind.into(), ..Event::default() };
-        let course = Course {
+        let data = PlotData {
             title: "some.mcap".to_owned(),
             height: ramp(100),
             velocity: ramp(100),
@@ -149,14 +149,14 @@ mod tests {
                 event(0.9, EventKind::Fall),
             ],
             safe: vec![0.0..0.1],
-            ..Course::default()
+            ..PlotData::default()
         };
-        let svg = draw(&course).unwrap();
+        let svg = draw(&data).unwrap();
         // Two events, each apex in two panels, and five entries of legends.
         assert_eq!(svg.matches("<circle").count(), 2 + 2 * 2 + 5);
         assert!(svg.contains("some.mcap") && svg.contains("elongation, cm"));
         // A safe stretch is shaded in each panel, and explained above each.
-        let plain = draw(&Course { safe: Vec::new(), ..course }).unwrap();
+        let plain = draw(&PlotData { safe: Vec::new(), ..data }).unwrap();
         assert_eq!(svg.matches("<rect").count(), plain.matches("<rect").count() + 2 * 5);
     }
 }

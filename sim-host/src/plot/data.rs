@@ -18,7 +18,7 @@ pub(super) type Line = Vec<(f64, f64)>;
 
 /// The data of a run over a span of its time.
 #[derive(Clone, Debug, Default)]
-pub struct Course {
+pub struct PlotData {
     /// File name and description of the run.
     pub(super) title: String,
     /// End of the whole recording, s.
@@ -79,7 +79,7 @@ fn push_change(line: &mut Line, t_s: f64, value: f64) {
     }
 }
 
-impl Course {
+impl PlotData {
     /// Reads the part of a recording within `span`, s.
     ///
     /// # Errors
@@ -101,18 +101,18 @@ impl Course {
                 AnyMessage::Command(command) => builder.command(&command),
                 AnyMessage::State(state) => builder.state(&state),
                 AnyMessage::Apex(apex) if builder.span.contains(&apex.t_s) => {
-                    builder.course.apexes.push(apex);
+                    builder.data.apexes.push(apex);
                 }
                 AnyMessage::Event(event) if builder.span.contains(&event.t_s) => {
-                    builder.course.events.push(event);
+                    builder.data.events.push(event);
                 }
                 _ => (),
             }
         }
-        let mut course = builder.finish();
-        course.title = title;
-        course.warning = reader.warning();
-        Ok(course)
+        let mut data = builder.finish();
+        data.title = title;
+        data.warning = reader.warning();
+        Ok(data)
     }
 
     /// Returns whether the span contains fewer than two ticks.
@@ -138,7 +138,7 @@ struct Builder {
     last: Option<(u32, u64)>,
     /// Ticks of the runs before this one.
     earlier_ticks: u64,
-    course: Course,
+    data: PlotData,
     height: DecimatedLine,
     velocity: DecimatedLine,
     leg_angle: DecimatedLine,
@@ -153,7 +153,7 @@ impl Builder {
             max_elongation_m: f64::INFINITY,
             last: None,
             earlier_ticks: 0,
-            course: Course::default(),
+            data: PlotData::default(),
             height: DecimatedLine::default(),
             velocity: DecimatedLine::default(),
             leg_angle: DecimatedLine::default(),
@@ -185,14 +185,14 @@ impl Builder {
             Some((_, last)) if sample.seq > last + 1 => {
                 let gap = self.time_s(last + 1)..self.time_s(sample.seq);
                 if self.span.contains(&gap.start) && self.span.contains(&gap.end) {
-                    self.course.gaps.push(gap);
+                    self.data.gaps.push(gap);
                 }
             }
             _ => (),
         }
-        self.course.end_s = self.time_s(sample.seq);
+        self.data.end_s = self.time_s(sample.seq);
         if let Some(t_s) = self.time_in_span(sample.seq) {
-            push_change(&mut self.course.set_point, t_s, sample.set_point_m_s.into());
+            push_change(&mut self.data.set_point, t_s, sample.set_point_m_s.into());
         }
     }
 
@@ -207,9 +207,9 @@ impl Builder {
         self.elongation.push(t_s, 100.0 * ramp_m.clamp(0.0, self.max_elongation_m));
         if command.flags & u32::from(flags::SAFE) != 0 {
             let next_s = t_s + 1.0 / self.rate_hz;
-            match self.course.safe.last_mut() {
+            match self.data.safe.last_mut() {
                 Some(span) if t_s - span.end < 0.5 / self.rate_hz => span.end = next_s,
-                _ => self.course.safe.push(t_s..next_s),
+                _ => self.data.safe.push(t_s..next_s),
             }
         }
     }
@@ -218,23 +218,23 @@ impl Builder {
         let Some(t_s) = self.time_in_span(state.seq) else { return };
         self.height.push(t_s, state.y_m);
         self.velocity.push(t_s, state.vx_m_s);
-        push_change(&mut self.course.density, t_s, state.density_ratio);
+        push_change(&mut self.data.density, t_s, state.density_ratio);
     }
 
-    fn finish(self) -> Course {
-        let mut course = self.course;
-        course.height = self.height.line;
-        course.velocity = self.velocity.line;
-        course.leg_angle = self.leg_angle.line;
-        course.elongation = self.elongation.line;
+    fn finish(self) -> PlotData {
+        let mut data = self.data;
+        data.height = self.height.line;
+        data.velocity = self.velocity.line;
+        data.leg_angle = self.leg_angle.line;
+        data.elongation = self.elongation.line;
         // Step lines continue to the end.
-        let end_s = course.span().end;
-        for line in [&mut course.set_point, &mut course.density] {
+        let end_s = data.span().end;
+        for line in [&mut data.set_point, &mut data.density] {
             if let Some(&(_, level)) = line.last() {
                 line.push((end_s, level));
             }
         }
-        course
+        data
     }
 }
 
