@@ -1,4 +1,8 @@
 //! A vector of two numbers with lane-wise arithmetic.
+//!
+//! `nalgebra::Vector2` in its place gives the same bits, but 1.7 % more instructions a hop (23,004
+//! against 22,630, counted by callgrind over the golden cases), because it is not aligned to 16
+//! bytes; and it would bring nalgebra into a crate that needs nothing else of it.
 
 use core::ops::{Add, Index, IndexMut, Mul, Sub};
 

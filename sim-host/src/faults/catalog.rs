@@ -226,9 +226,13 @@ pub fn help() -> String {
             last = row.acts;
             let _ = writeln!(text, "Faults of {last}:");
         }
-        let _ = writeln!(text, "  {:<10} {:<29} {}", row.name, row.value, row.about);
+        let mut lines = wrap(row.about, ABOUT_WIDTH);
         if !row.keys.is_empty() {
-            let _ = writeln!(text, "  {:<10} {:<29} keys: {}", "", "", row.keys.join(", "));
+            lines.push(format!("keys: {}", row.keys.join(", ")));
+        }
+        for (i, line) in lines.iter().enumerate() {
+            let (name, value) = if i == 0 { (row.name, row.value) } else { ("", "") };
+            let _ = writeln!(text, "  {name:<10} {value:<29} {line}");
         }
     }
     text.push_str(
@@ -239,6 +243,26 @@ pub fn help() -> String {
          \x20 from, until  time at which the fault begins and ends, s from the start (5 or 5s)\n",
     );
     text
+}
+
+/// Width of the description column of the help text, characters.
+const ABOUT_WIDTH: usize = 57;
+
+/// Breaks a text between words into lines of at most `width` characters.
+fn wrap(text: &str, width: usize) -> Vec<String> {
+    let mut lines = vec![String::new()];
+    for word in text.split(' ') {
+        let line = lines.last_mut().expect("there is a first line");
+        if line.is_empty() {
+            line.push_str(word);
+        } else if line.len() + 1 + word.len() <= width {
+            line.push(' ');
+            line.push_str(word);
+        } else {
+            lines.push(word.to_owned());
+        }
+    }
+    lines
 }
 
 #[cfg(test)]
@@ -252,5 +276,6 @@ mod tests {
             assert_eq!(FaultKind::named(row.name), Some(row.kind));
             assert!(help().contains(row.name));
         }
+        assert!(help().lines().all(|line| line.len() <= 100), "{}", help());
     }
 }

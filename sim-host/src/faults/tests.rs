@@ -158,14 +158,14 @@ fn each_fault_has_its_own_count() {
 
 #[test]
 fn a_leg_fault_changes_the_simulated_leg_and_not_the_controllers_model() {
-    let told = scenario("");
+    let configured = scenario("");
     let played = scenario("[[fault]]\nmass = 1.5\n[[fault]]\nstiffness = 0.5");
-    assert_eq!(played.leg_model(), told.leg_model());
-    assert_eq!(played.session_params(), told.session_params());
+    assert_eq!(played.leg_model(), configured.leg_model());
+    assert_eq!(played.session_params(), configured.session_params());
     let (mass_kg, stiffness_n_m) =
         (played.played_leg().parameters().mass_kg, played.played_leg().parameters().stiffness_n_m);
     assert_eq!((mass_kg, stiffness_n_m), (120.0, 10_000.0));
-    assert_eq!(told.played_leg(), told.leg);
+    assert_eq!(configured.played_leg(), configured.leg);
 }
 
 #[test]
@@ -174,7 +174,7 @@ fn the_leg_follows_the_ground_and_the_medium_of_its_place() {
         "{SHORT}[start]\nx_m = 1.0\n[[fault]]\nground = \"slope\"\ngrade = 0.1\n\
          [[fault]]\nmedium = 0.5\nat = \"1.2m\"\n"
     ));
-    assert_eq!(uneven.start.y_m, 2.1, "as high above the ground as asked");
+    assert_eq!(uneven.start.y_m, 2.1, "the start height counts from the ground");
     let mut touchdowns = 0;
     with_policy(|mut controller| {
         let law = |sample: Option<&_>| controller.tick(sample);
