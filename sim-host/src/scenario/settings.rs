@@ -37,7 +37,7 @@ pub enum MediumPreset {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum DensitySense {
-    /// It estimates the density from the motion.
+    /// The controller estimates the density from the motion.
     #[default]
     Estimated,
     /// A sensor of the leg measures the density.

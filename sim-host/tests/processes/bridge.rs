@@ -1,5 +1,5 @@
-//! A flashed controller in the controller's place: real processes over shared
-//! memory, and the controller's own core behind a socket, on a thread.
+//! A flashed controller instead of a controller process: real processes over shared
+//! memory, and the flashed controller's code behind a socket on a thread.
 
 use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
@@ -20,22 +20,22 @@ use serde_json::Value;
 use super::SOON;
 use super::place::{Place, Running, text};
 
-const PATIENT: [&str; 4] = ["--domain", "test", "--timeout", "30"];
+const OPTIONS: [&str; 4] = ["--domain", "test", "--timeout", "30"];
 const TICKS: u64 = 10_000;
 const RUN: [&str; 6] = ["--duration", "10", "--start-vx", "0.2", "--timeout", "30"];
 
-/// What happens to a board.
+/// A disturbance of a board.
 #[derive(Clone, Copy, Debug)]
-enum Mishap {
-    /// The plug is pulled; the board runs on.
+enum Disturbance {
+    /// The line is unplugged; the board keeps running.
     Unplug,
-    /// Power goes off and on; the line stays open.
+    /// The board is reset; the line stays open.
     Reset,
-    /// Power and plug, both.
+    /// The board is reset and the line unplugged.
     PowerCut,
 }
 
-/// A board behind a socket, to which things happen.
+/// A board behind a socket, with disturbances.
 struct Board {
     path: PathBuf,
     on: Arc<AtomicBool>,
@@ -43,17 +43,17 @@ struct Board {
 }
 
 impl Board {
-    /// With the place's policy in slot A. Each mishap comes after so many reads
-    /// from the line since the one before: about a message each.
-    fn new(place: &Place, mishaps: &[(u64, Mishap)]) -> Self {
+    /// Starts a board with the place's policy in slot A. Each disturbance comes after
+    /// this many reads from the line since the one before, about one message each.
+    fn new(place: &Place, disturbances: &[(u64, Disturbance)]) -> Self {
         let path = place.policy().with_file_name("board");
         let listener = UnixListener::bind(&path).unwrap();
         listener.set_nonblocking(true).unwrap();
         let policy = std::fs::read(place.policy()).unwrap();
         let board = VirtualBoard::power_up(MemoryFlash::new().loaded(Slot::A, &policy));
         let on = Arc::new(AtomicBool::new(true));
-        let (goes_on, mishaps) = (Arc::clone(&on), mishaps.to_vec());
-        let thread = std::thread::spawn(move || live(board, &listener, &mishaps, &goes_on));
+        let (goes_on, disturbances) = (Arc::clone(&on), disturbances.to_vec());
+        let thread = std::thread::spawn(move || live(board, &listener, &disturbances, &goes_on));
         Self { path, on, thread: Some(thread) }
     }
 
@@ -72,11 +72,11 @@ impl Drop for Board {
 fn live(
     mut board: VirtualBoard,
     listener: &UnixListener,
-    mishaps: &[(u64, Mishap)],
+    disturbances: &[(u64, Disturbance)],
     on: &AtomicBool,
 ) {
-    let mut mishaps = mishaps.iter();
-    let mut next = mishaps.next();
+    let mut disturbances = disturbances.iter();
+    let mut next = disturbances.next();
     let mut reads = 0;
     while on.load(Ordering::Relaxed) {
         let Ok((socket, _)) = listener.accept() else {
@@ -95,12 +95,12 @@ fn live(
             if !due(reads) {
                 break; // The caller has hung up.
             }
-            let mishap = next.map(|(_, mishap)| *mishap);
-            (next, reads) = (mishaps.next(), 0);
-            if matches!(mishap, Some(Mishap::Reset | Mishap::PowerCut)) {
+            let disturbance = next.map(|(_, disturbance)| *disturbance);
+            (next, reads) = (disturbances.next(), 0);
+            if matches!(disturbance, Some(Disturbance::Reset | Disturbance::PowerCut)) {
                 board.power_cycle();
             }
-            if !matches!(mishap, Some(Mishap::Reset)) {
+            if !matches!(disturbance, Some(Disturbance::Reset)) {
                 break;
             }
         }
@@ -109,15 +109,15 @@ fn live(
 
 fn bridge(place: &Place, board: &Board, arguments: &[&str]) -> Running {
     place
-        .start("bridge", &[&["--unix", board.socket(), "--json"], &PATIENT[..], arguments].concat())
+        .start("bridge", &[&["--unix", board.socket(), "--json"], &OPTIONS[..], arguments].concat())
 }
 
-/// The hash of the run with a controller in the simulator's own process.
+/// Returns the hash of the run with a controller in the simulator's process.
 fn expected(place: &Place) -> String {
     place.alone(&[&["--in-process"], &RUN[..]].concat()).end().assert_ok().state_hash()
 }
 
-/// What a bridge printed.
+/// Parses the report of a bridge.
 #[track_caller]
 fn report(ended: &super::place::Ended) -> Value {
     serde_json::from_str(&ended.assert_ok().out).expect("JSON")
@@ -127,7 +127,7 @@ fn number(report: &Value, pointer: &str) -> u64 {
     report.pointer(pointer).and_then(Value::as_u64).unwrap_or_else(|| panic!("{pointer}: {report}"))
 }
 
-/// The bridge's books agree with each other and with the controller's.
+/// Asserts that the counts of the bridge agree with each other and the controller's.
 #[track_caller]
 fn assert_counts_add_up(report: &Value) {
     let number = |pointer| number(report, pointer);
@@ -146,7 +146,7 @@ fn assert_counts_add_up(report: &Value) {
 }
 
 #[test]
-fn a_flashed_controller_does_what_a_process_does_and_no_message_is_lost() {
+fn a_flashed_controller_gives_the_run_of_a_process_without_lost_messages() {
     let place = Place::new();
     let board = Board::new(&place, &[]);
     let bridge = bridge(&place, &board, &[]);
@@ -176,7 +176,7 @@ fn a_flashed_controller_does_what_a_process_does_and_no_message_is_lost() {
 }
 
 #[test]
-fn through_noise_both_ways_the_run_is_the_same() {
+fn noise_on_the_line_does_not_change_the_run() {
     let place = Place::new();
     let board = Board::new(&place, &[]);
     let bridge = bridge(&place, &board, &["--noise", "0.01", "--noise-seed", "5"]);
@@ -197,9 +197,9 @@ fn through_noise_both_ways_the_run_is_the_same() {
 }
 
 #[test]
-fn unplugged_and_plugged_in_again_the_run_goes_on_where_it_was() {
+fn a_run_continues_after_the_line_is_reconnected() {
     let place = Place::new();
-    let board = Board::new(&place, &[(2000, Mishap::Unplug), (3000, Mishap::Unplug)]);
+    let board = Board::new(&place, &[(2000, Disturbance::Unplug), (3000, Disturbance::Unplug)]);
     let bridge = bridge(&place, &board, &[]);
     let run = place.simulator(&RUN).end();
     let bridge = bridge.end();
@@ -212,16 +212,16 @@ fn unplugged_and_plugged_in_again_the_run_goes_on_where_it_was() {
 }
 
 #[test]
-fn a_controller_that_was_reset_begins_anew_in_the_run() {
-    for (mishap, reconnects) in [(Mishap::PowerCut, 1), (Mishap::Reset, 0)] {
+fn a_reset_controller_restarts_within_the_run() {
+    for (disturbance, reconnects) in [(Disturbance::PowerCut, 1), (Disturbance::Reset, 0)] {
         let place = Place::new();
-        let board = Board::new(&place, &[(3000, mishap)]);
+        let board = Board::new(&place, &[(3000, disturbance)]);
         let bridge = bridge(&place, &board, &[]);
         let run = place.simulator(&[&RUN[..], &["--json"]].concat()).end();
         let bridge = bridge.end();
         let report = report(&bridge);
-        assert_eq!(number(&report, "/reconnects"), reconnects, "{mishap:?}");
-        assert_eq!(number(&report, "/reboots"), 1, "{mishap:?}");
+        assert_eq!(number(&report, "/reconnects"), reconnects, "{disturbance:?}");
+        assert_eq!(number(&report, "/reboots"), 1, "{disturbance:?}");
         let warning = "warning: the controller was reset in the middle of the run";
         assert_eq!(bridge.err.matches(warning).count(), 1, "{}", bridge.err);
         // Safe until the next apex, and hopping from there.
@@ -234,21 +234,21 @@ fn a_controller_that_was_reset_begins_anew_in_the_run() {
     }
 }
 
-/// Outlives its test, but not its controller.
-const IMPATIENT: [&str; 4] = ["--duration", "80000", "--timeout", "1"];
+/// Runs longer than its test, but not than its controller.
+const IMOPTIONS: [&str; 4] = ["--duration", "80000", "--timeout", "1"];
 
 #[test]
-fn unplugged_it_ends_when_told_so_or_when_patience_is_over() {
+fn ends_on_unplug_if_configured_or_after_the_timeout() {
     let place = Place::new();
-    let board = Board::new(&place, &[(2000, Mishap::Unplug)]);
+    let board = Board::new(&place, &[(2000, Disturbance::Unplug)]);
     let first = bridge(&place, &board, &["--on-unplug", "end"]);
-    let run = place.simulator(&IMPATIENT);
+    let run = place.simulator(&IMOPTIONS);
     first.end().assert(1, &["the line to the controller broke", "--on-unplug reconnect"]);
     run.end().assert(1, &["the controller", "left before the run was over"]);
 
     let second =
         place.start("bridge", &["--unix", board.socket(), "--domain", "test", "--timeout", "0.7"]);
-    let run = place.simulator(&IMPATIENT);
+    let run = place.simulator(&IMOPTIONS);
     place.wait_for_the_run(None);
     std::fs::remove_file(&board.path).unwrap();
     drop(board);
@@ -260,11 +260,11 @@ fn unplugged_it_ends_when_told_so_or_when_patience_is_over() {
 }
 
 #[test]
-fn two_bridges_do_not_get_in_each_others_way() {
+fn two_bridges_run_independently() {
     let place = Place::new();
     let board = Board::new(&place, &[]);
     let mut first = bridge(&place, &board, &[]);
-    let run = place.simulator(&IMPATIENT);
+    let run = place.simulator(&IMOPTIONS);
     place.wait_for_the_run(None);
     // A board has one line.
     bridge(&place, &board, &[]).end().assert(1, &["nobody has answered for"]);
@@ -284,27 +284,27 @@ fn two_bridges_do_not_get_in_each_others_way() {
     place.assert_clean();
 }
 
-/// Asks the controller by its own program.
-fn ask(place: &Place, socket: &Path, arguments: &[&str]) -> Value {
+/// Sends a request to the controller by the `controller` program.
+fn request(place: &Place, socket: &Path, arguments: &[&str]) -> Value {
     let all = [arguments, &["--unix", text(socket), "--json"]].concat();
     report(&place.start("controller", &all).end())
 }
 
 #[test]
-fn weights_are_swapped_on_a_hopping_leg() {
+fn uploads_and_rolls_back_a_policy_during_a_run() {
     let place = Place::new();
     let board = Board::new(&place, &[]);
     let socket = place.policy().with_file_name("share");
-    // As a killed bridge leaves it.
+    // A killed bridge leaves its socket.
     drop(UnixListener::bind(&socket).unwrap());
     let share = ["--share", text(&socket)];
     let bridge_on = bridge(&place, &board, &share);
     let wait_for_socket = || {
-        let begun = Instant::now();
+        let start_time = Instant::now();
         while !Endpoint::Unix(socket.clone()).open().is_ok_and(|stream| {
             Client::new(stream, &Stop::default()).identify(HELLO_PATIENCE).is_ok()
         }) {
-            assert!(begun.elapsed() < SOON, "nobody behind the socket");
+            assert!(start_time.elapsed() < SOON, "no board behind the socket");
             std::thread::sleep(Duration::from_millis(10));
         }
     };
@@ -316,18 +316,18 @@ fn weights_are_swapped_on_a_hopping_leg() {
     let run = place.simulator(&long);
     place.wait_for_the_run(None);
     let policy = place.policy();
-    let done = ask(&place, &socket, &["policy", "upload", text(&policy)]);
+    let done = request(&place, &socket, &["policy", "upload", text(&policy)]);
     assert_eq!((done["slot"].as_str(), done["name"].as_str()), (Some("B"), Some("hop in place")));
     assert!(done["swapped_after_s"].as_f64().is_some(), "{done}");
-    let slots = ask(&place, &socket, &["policy", "list"]);
+    let slots = request(&place, &socket, &["policy", "list"]);
     assert_eq!(slots.pointer("/slots/1/running"), Some(&true.into()), "{slots}");
-    let back = ask(&place, &socket, &["policy", "roll-back"]);
+    let back = request(&place, &socket, &["policy", "roll-back"]);
     assert_eq!(back["slot"], "A");
     assert!(back["swapped_after_s"].as_f64().is_some(), "{back}");
-    let who = ask(&place, &socket, &["identify"]);
+    let who = request(&place, &socket, &["identify"]);
     assert_eq!((who["mode"].as_str(), &who["policy"]["slot"]), (Some("lock-step"), &"A".into()));
 
-    // What would break the run is refused.
+    // Requests that would disturb the run are refused.
     let stream = Endpoint::Unix(socket.clone()).open().unwrap();
     let mut client = Client::new(stream, &Stop::default());
     for request in [
@@ -335,22 +335,22 @@ fn weights_are_swapped_on_a_hopping_leg() {
         Request::Reset { session: 1, rate_hz: 1000, gravity_m_s2: 9.81 },
     ] {
         let refused = client.have_done(&request).unwrap_err().to_string();
-        assert!(refused.contains("a bridge runs the leg"), "{refused}");
+        assert!(refused.contains("the run belongs to the program"), "{refused}");
     }
 
     let run = run.end();
     let report = report(&bridge_on.end());
-    assert!(!socket.exists(), "it is taken along");
+    assert!(!socket.exists(), "the bridge removes its socket");
     assert_eq!(number(&report, "/controller/swaps"), 2, "{report}");
     assert!(number(&report, "/shared_requests") >= 10, "{report}");
-    // The same policy: so not a tick, not a bit has changed.
+    // The same policy, so the run must be equal bit for bit.
     let alone = place.alone(&[&["--in-process"], &long[..]].concat()).end();
     assert_eq!(run.assert_ok().state_hash(), alone.assert_ok().state_hash());
     place.assert_clean();
 }
 
 #[test]
-fn live_the_boards_timer_is_the_tick() {
+fn in_live_mode_the_boards_timer_ticks() {
     let place = Place::new();
     let board = Board::new(&place, &[]);
     let bridge = bridge(&place, &board, &["--mode", "live", "--rate", "200"]);
@@ -367,7 +367,7 @@ fn live_the_boards_timer_is_the_tick() {
 }
 
 #[test]
-fn a_missing_or_mute_controller_is_named_with_what_to_do() {
+fn names_a_missing_or_silent_board_with_a_hint() {
     let place = Place::new();
     let path = place.policy().with_file_name("mute");
     let start = |arguments: &[&str]| place.start("bridge", arguments);
@@ -382,7 +382,7 @@ fn a_missing_or_mute_controller_is_named_with_what_to_do() {
 }
 
 #[test]
-fn a_missing_simulator_is_waited_for_and_named() {
+fn waits_for_a_missing_simulator_and_names_it() {
     let place = Place::new();
     let board = Board::new(&place, &[]);
     let bridge = place.start(
@@ -397,7 +397,7 @@ fn a_missing_simulator_is_waited_for_and_named() {
 }
 
 #[test]
-fn a_policy_on_another_leg_is_bridged_with_one_warning() {
+fn warns_once_of_a_policy_for_another_leg() {
     let place = Place::new();
     let board = Board::new(&place, &[]);
     let bridge = bridge(&place, &board, &[]);
@@ -409,7 +409,7 @@ fn a_policy_on_another_leg_is_bridged_with_one_warning() {
 }
 
 #[test]
-fn what_cannot_be_bridged_is_refused_with_status_2() {
+fn rejects_invalid_options_with_status_2() {
     let place = Place::new();
     let start = |arguments: &[&str]| place.start("bridge", arguments).end();
     start(&[]).assert(2, &["--serial", "--unix", "--tcp", "required"]);
@@ -439,19 +439,19 @@ fn what_cannot_be_bridged_is_refused_with_status_2() {
 }
 
 #[test]
-fn a_virtual_board_is_a_program_too() {
+fn connects_to_the_virtual_board_program() {
     let place = Place::new();
     let socket = place.policy().with_file_name("virtual");
     let arguments = ["virtual-board", "--unix", text(&socket), "--empty"];
     let mut board = place.start("controller", &arguments);
-    let begun = Instant::now();
+    let start_time = Instant::now();
     while !socket.exists() {
-        assert!(begun.elapsed() < SOON);
+        assert!(start_time.elapsed() < SOON);
         std::thread::sleep(Duration::from_millis(5));
     }
-    let slots = ask(&place, &socket, &["policy", "list"]);
+    let slots = request(&place, &socket, &["policy", "list"]);
     assert_eq!(slots.pointer("/slots/0/fault"), Some(&"empty".into()), "{slots}");
-    let bridge = place.start("bridge", &[&["--unix", text(&socket)], &PATIENT[..]].concat());
+    let bridge = place.start("bridge", &[&["--unix", text(&socket)], &OPTIONS[..]].concat());
     let run = place.simulator(&["--duration", "1", "--timeout", "30"]).end();
     run.assert(0, &["never left its safe state"]);
     let bridge = bridge.end();
