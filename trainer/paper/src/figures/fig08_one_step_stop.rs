@@ -370,7 +370,7 @@ fn draw(
     let angle = |tried: TriedAction| {
         if tried.speed_m_s.is_finite() { tried.touchdown_angle_rad } else { f64::NAN }
     };
-    let angles = |title: String, values| panel(title, "alpha, rad", values, alpha.clone());
+    let angles = |title: String, values| panel(title, "angle, rad", values, alpha.clone());
     let rewards = |title: String, values| panel(title, "reward", values, 0.0..2.5);
     let mut upper = vec![angles(
         columns("pattern search"),
