@@ -32,7 +32,10 @@ fn checks() -> Vec<Step> {
             "lints of leg-control on a Cortex-M4F",
             "clippy -p leg-control --all-features --target thumbv7em-none-eabihf -- -D warnings",
         ),
-        cargo("leg-control on a Cortex-M0", "check -p leg-control --target thumbv6m-none-eabi"),
+        cargo(
+            "leg-control and leg-plant on a Cortex-M0",
+            "check -p leg-control -p leg-plant --target thumbv6m-none-eabi",
+        ),
         cargo(
             "leg-control on RISC-V",
             "check -p leg-control --target riscv32imac-unknown-none-elf",
