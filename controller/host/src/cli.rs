@@ -1,14 +1,16 @@
 //! The `controller` command line.
 //!
-//! It stays for run after run, until a signal ends it; [`orders`] reach it
+//! It stays for run after run, until a signal ends it; [`commands`] reach it
 //! meanwhile. Exit status 0 when all ended in good order, 2 for what the user
 //! must change (a bad blob, a bad rate), 1 for anything else.
 
 mod attend;
-mod beside;
+mod background;
+pub mod commands;
 pub mod hint;
-pub mod orders;
 mod real_time;
+mod status_text;
+pub mod target;
 
 use std::fmt;
 use std::io::{self, Write as _};
@@ -19,11 +21,10 @@ use std::time::Duration;
 use super::bench::{self, BenchError};
 use super::discovery::{DEFAULT_DOMAIN, DomainError};
 use super::link::{LinkError, Role, TimeMode};
+use super::policy_cache::PolicyCacheError;
 use super::realtime::LoopReport;
 use super::realtime::args::RealTimeArgs;
-use super::serial::commands;
 use super::serve::ServeError;
-use super::shelf::ShelfError;
 use super::shm::ConnectError;
 use leg_control::config::ConfigError;
 use leg_control::guard::Counts;
@@ -52,10 +53,8 @@ pub struct Call {
 enum Command {
     /// Measure the control law on this machine.
     Bench(bench::Args),
-    Swap(orders::SwapArgs),
-    Status(orders::StatusArgs),
     #[command(flatten)]
-    Flashed(commands::Command),
+    Running(commands::Command),
 }
 
 /// Runs a policy on a leg: a command for every sample, in lock-step, in run
@@ -133,7 +132,7 @@ pub enum CliError {
     Policy(#[from] PolicyFileError),
     /// The policy cannot be kept.
     #[error("the policy cannot be run: {0}")]
-    Shelf(#[from] ShelfError),
+    Cache(#[from] PolicyCacheError),
     /// A rate or gravity out of range.
     #[error(transparent)]
     Config(#[from] ConfigError),
@@ -177,7 +176,7 @@ impl CliError {
         matches!(
             self,
             Self::Policy(_)
-                | Self::Shelf(_)
+                | Self::Cache(_)
                 | Self::Bench(BenchError::Policy(_))
                 | Self::Config(_)
                 | Self::Connect(ConnectError::Domain(DomainError::Name(_)))
@@ -264,9 +263,7 @@ fn say(what: impl fmt::Display) {
 #[must_use]
 pub fn main(call: &Call) -> ExitCode {
     let done = match &call.command {
-        Some(Command::Flashed(command)) => return commands::main(command),
-        Some(Command::Swap(args)) => return orders::swap(args),
-        Some(Command::Status(args)) => return orders::status(args),
+        Some(Command::Running(command)) => return commands::main(command),
         Some(Command::Bench(args)) => bench::run(args).map_err(CliError::from),
         None => attend::run(&call.args, |summary| {
             let _ = if call.args.json {

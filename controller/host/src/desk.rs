@@ -6,10 +6,7 @@
 //! the other, so that the loop never sees them: what an answer needs of the
 //! loop, and what an order brings to it, goes through wait-free cells.
 //!
-//! What is asked is the business of each program; what the controller answers
-//! is in [`requests`].
-
-pub mod requests;
+//! The requests are the business of each program.
 
 use std::fmt::Display;
 use std::io::{self, ErrorKind, Read, Write};

@@ -88,17 +88,27 @@ impl Endpoint {
         node: &impl NodeHandle,
         device: impl FnOnce() -> DeviceCounts,
     ) -> Option<&[u8]> {
+        self.push_with(byte, |message, filter, line| match message {
+            ToController::Sample { seq, sample } => {
+                let command = node.sample(seq, &sample)?;
+                Some(ToHost::Command { seq, command })
+            }
+            ToController::Request { id, request } => {
+                let reply = filter.answer(id, &request, handler, node, line, &device());
+                Some(ToHost::Reply { id, reply })
+            }
+        })
+    }
+
+    /// Takes a byte as [`Self::push`] does, and has `answer` answer messages.
+    pub fn push_with<'r>(
+        &mut self,
+        byte: u8,
+        answer: impl FnOnce(ToController<'_>, &mut RepeatFilter, &LineCounts) -> Option<ToHost<'r>>,
+    ) -> Option<&[u8]> {
         self.receiver.push(byte)?.ok()?;
         let answer = match frame::decode(self.receiver.payload()) {
-            Ok(ToController::Sample { seq, sample }) => {
-                let command = node.sample(seq, &sample)?;
-                ToHost::Command { seq, command }
-            }
-            Ok(ToController::Request { id, request }) => {
-                let line = self.receiver.counts();
-                let reply = self.filter.answer(id, &request, handler, node, line, &device());
-                ToHost::Reply { id, reply }
-            }
+            Ok(message) => answer(message, &mut self.filter, self.receiver.counts())?,
             Err(UnknownMessageError) => {
                 self.receiver.count_unknown();
                 return None;

@@ -5,9 +5,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use leg_host::Role;
-use leg_host::desk;
-use leg_host::desk::requests::{Crc32, Moment, Policies, PolicyBytes, Request, SwapRecord};
+use leg_control::serial::message::RunTick;
+use leg_host::cli::target::open_process;
+use leg_host::serial::Client;
+use leg_host::status::{Crc32, PolicyName, Status, SwapRecord};
+use leg_process::Stop;
 
 use super::recorder::RecordSink;
 use super::schema::Policy;
@@ -18,8 +20,6 @@ const INTERVAL: Duration = Duration::from_millis(200);
 const FIRST_INTERVAL: Duration = Duration::from_millis(10);
 /// Time between two checks whether the thread is to end.
 const END_CHECK_INTERVAL: Duration = Duration::from_millis(10);
-/// Longest wait for an answer.
-const TIMEOUT: Duration = Duration::from_secs(1);
 
 /// A thread that polls the controller until this value is dropped, a last time
 /// then. If the controller does not answer, as one behind a bridge, the
@@ -40,9 +40,7 @@ impl PolicyPoller {
             let mut log = PolicyLog::new(run_id);
             loop {
                 let last = ends.load(Ordering::Relaxed);
-                if let Ok(policies) =
-                    desk::ask(&domain, Role::Controller, &Request::Policy, TIMEOUT)
-                {
+                if let Some(policies) = request(&domain, &log) {
                     log.update(&policies).into_iter().for_each(|policy| sink.policy(policy));
                 }
                 if last {
@@ -67,6 +65,34 @@ impl Drop for PolicyPoller {
             let _ = thread.join();
         }
     }
+}
+
+/// A policy with its blob.
+#[derive(Clone, Debug)]
+struct PolicyBytes {
+    policy: PolicyName,
+    blob: Vec<u8>,
+}
+
+/// The policies of the controller process.
+#[derive(Debug)]
+struct Policies {
+    running: PolicyBytes,
+    swaps: Vec<SwapRecord>,
+}
+
+/// Requests the policies; the blob only if it is not in the log.
+fn request(domain: &str, log: &PolicyLog) -> Option<Policies> {
+    let mut client = Client::new(open_process(domain).ok()?, &Stop::default());
+    let status: Status = serde_json::from_slice(&client.report().ok()??).ok()?;
+    let crc32 = status.policy.crc32;
+    let known = log.blobs.iter().find(|known| known.policy.crc32 == crc32);
+    let blob = match known {
+        Some(known) => known.blob.clone(),
+        None => client.read_policy(crc32.0).ok()??,
+    };
+    let running = PolicyBytes { policy: status.policy, blob };
+    Some(Policies { running, swaps: status.swap_log })
 }
 
 /// The policies of a run that have been recorded.
@@ -103,7 +129,7 @@ impl PolicyLog {
         let in_force =
             ours.iter().filter(|s| s.crc32 == running.policy.crc32).map(|s| s.number).max();
         for SwapRecord { number, crc32, at } in ours {
-            let Some(Moment { seq, .. }) = at else { continue };
+            let Some(RunTick { seq, .. }) = at else { continue };
             // A pending policy is recorded once it runs, because its bytes are seen only then.
             if number > self.last_swap && in_force >= Some(number) {
                 self.last_swap = number;
@@ -127,7 +153,6 @@ impl PolicyLog {
 
 #[cfg(test)]
 mod tests {
-    use leg_host::desk::requests::PolicyName;
 
     use super::*;
 
@@ -142,7 +167,7 @@ mod tests {
     }
 
     fn swap(number: u64, crc32: u32, at: Option<(u32, u64)>) -> SwapRecord {
-        let at = at.map(|(run_id, seq)| Moment { run_id, seq });
+        let at = at.map(|(run_id, seq)| RunTick { run_id, seq });
         SwapRecord { number, crc32: Crc32(crc32), at }
     }
 

@@ -5,8 +5,10 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use leg_host::Role;
-use leg_host::desk::{self, AskError, requests};
+use leg_host::cli::target::process_status;
+use leg_host::desk;
 use leg_host::shm::{ConnectError, Observer, Participants};
+use leg_host::status::Status;
 
 use super::scene::Scene;
 use crate::operate::{LegRequest, LegStatus};
@@ -22,7 +24,7 @@ const TIMEOUT: Duration = Duration::from_millis(500);
 #[derive(Debug)]
 enum Answer {
     Leg(Option<Box<LegStatus>>),
-    Controller(Option<Box<requests::Status>>),
+    Controller(Option<Box<Status>>),
     Refused(String),
 }
 
@@ -127,8 +129,7 @@ fn exchange_requests(domain: &str, requests: &Receiver<LegRequest>, answers: &Se
             Err(TryRecvError::Empty) => request_leg(domain, &LegRequest::Status, answers),
             Err(TryRecvError::Disconnected) => return,
         };
-        let status: Result<requests::Status, AskError> =
-            desk::ask(domain, Role::Controller, &requests::Request::Status, TIMEOUT);
+        let status = process_status(domain);
         let _ = answers.send(Answer::Leg(leg));
         let _ = answers.send(Answer::Controller(status.ok().map(Box::new)));
         // A request of the user does not wait for the next status request.

@@ -5,8 +5,8 @@ use std::f64::consts::FRAC_PI_2;
 use std::time::{Duration, Instant};
 
 use leg_control::wire::{Command, Sample};
-use leg_host::desk::requests;
 use leg_host::shm::Participants;
+use leg_host::status;
 
 use crate::operate::LegStatus;
 
@@ -53,7 +53,7 @@ pub struct Scene {
     /// Status of the leg, if it answers.
     pub leg: Option<LegStatus>,
     /// Status of the controller, if it answers.
-    pub controller: Option<requests::Status>,
+    pub controller: Option<status::Status>,
     /// Simulated time per wall time.
     pub speed: Option<f64>,
     message: Option<(Instant, String)>,

@@ -2,16 +2,16 @@
 
 use std::time::Duration;
 
-use super::beside::{Beside, Reload};
+use super::background::{Background, Reload};
 use super::hint::{self, with_hint};
 use super::{Args, CliError, SAY_AFTER, Summary, other_leg, say};
 use crate::TimeMode;
 use crate::link::LinkError;
-use crate::office::{Office, Windows};
-use crate::operated::Operated;
+use crate::node_loop::NodeLoop;
+use crate::node_server::{NodeServer, StatusSources};
+use crate::policy_cache;
 use crate::realtime::LatestReport;
 use crate::serve::{ServeError, serve_patiently};
-use crate::shelf;
 use crate::shm::{ConnectError, ShmController};
 use crate::{Domain, SessionParams};
 use leg_control::config::Config;
@@ -21,9 +21,9 @@ use leg_process::policy_file::PolicyFile;
 /// Attends to legs, one after the other.
 pub(super) struct Attendant {
     // Before the link, and so gone before the role is given up.
-    _beside: Beside,
+    _background: Background,
     pub(super) link: ShmController,
-    pub(super) controller: Operated,
+    pub(super) node: NodeLoop,
     pub(super) stop: Stop,
     /// For a leg that is missing or silent; `None` is without end.
     pub(super) patience: Option<Duration>,
@@ -45,12 +45,12 @@ pub(super) fn run(args: &Args, tell: impl FnMut(&Summary)) -> Result<(), CliErro
 }
 
 impl Attendant {
-    /// Takes the role, and opens the desk.
+    /// Takes the role, and opens the control socket.
     fn begin(args: &Args, figures: &LatestReport) -> Result<Self, CliError> {
-        let config = Config::at_rate(args.rate)?.with_gravity(args.gravity)?;
+        Config::at_rate(args.rate)?.with_gravity(args.gravity)?;
         let blob = PolicyFile::load(args.policy.as_deref())?;
         let leg = blob.policy()?.manifest().leg;
-        let policy = shelf::keep(blob.as_slice())?;
+        let policy = policy_cache::intern(blob.as_slice())?;
         let (stop, reload) = match &args.policy {
             // Without a file there is nothing to read again.
             None => (Stop::on_signals().map_err(CliError::Signals)?, None),
@@ -65,7 +65,7 @@ impl Attendant {
         let params = params.with_time_mode(args.pace());
         let link = ShmController::open(&domain, params, &stop)?;
         let monitor = link.monitor();
-        let windows = Windows {
+        let sources = StatusSources {
             peer: Box::new(move || monitor.status()),
             timing: match args.pace() {
                 TimeMode::LockStep => None,
@@ -73,12 +73,12 @@ impl Attendant {
             },
         };
         let file = blob.path().display().to_string();
-        let (controller, office) = Office::open(policy, &file, config, params, windows);
-        let beside = Beside::open(&domain, office, reload, &stop);
+        let (node, server) = NodeServer::open(policy, &file, params, sources)?;
+        let background = Background::open(&domain, server, reload, &stop);
         Ok(Self {
-            _beside: beside,
+            _background: background,
             link,
-            controller,
+            node,
             stop,
             // One that stays waits as long as it takes, unless it is told how long.
             patience: if args.once { Some(args.meeting.timeout()) } else { args.meeting.timeout },
@@ -123,14 +123,15 @@ impl Attendant {
                 }
                 Err(cause) => return Err(cause.into()),
             }
-            self.controller.restart();
+            self.node.restart();
         }
     }
 
     /// Until a leg is there.
     pub(super) fn wait(&mut self) -> Result<(), ConnectError> {
-        let said = &mut self.has_said_missing;
+        let (said, node) = (&mut self.has_said_missing, &mut self.node);
         let peer = self.link.wait_for_peer(self.patience, |missing| {
+            node.idle();
             if !*said && missing.waited >= SAY_AFTER {
                 *said = true;
                 say(format_args!("{missing}; {}; still waiting", hint::missing_peer(missing)));
@@ -139,8 +140,11 @@ impl Attendant {
         })?;
         // The next time it is somebody's second run: he knows how.
         *said = true;
-        let manifest = self.controller.controller().policy().manifest();
-        if let Some(warning) = other_leg(manifest, peer.leg) {
+        let warning = self
+            .node
+            .controller()
+            .and_then(|controller| other_leg(controller.policy().manifest(), peer.leg));
+        if let Some(warning) = warning {
             say(warning);
         }
         Ok(())
@@ -148,21 +152,22 @@ impl Attendant {
 
     /// One run of the leg that is there.
     fn serve(&mut self) -> Result<Summary, ServeError> {
-        let controller = &mut self.controller;
+        let node = &mut self.node;
         let mut apexes = 0;
         let law = |sample: &_| {
-            let command = controller.tick(Some(sample));
+            let command = node.tick(Some(sample));
             apexes = command.apexes;
             command
         };
         let ticks = serve_patiently(&mut self.link, self.patience, law, |silence| say(silence))?;
-        Ok(summary(&self.controller, ticks, apexes))
+        Ok(summary(&self.node, ticks, apexes))
     }
 }
 
-/// What a run came to.
-pub(super) fn summary(controller: &Operated, ticks: u64, apexes: u32) -> Summary {
-    let controller = controller.controller();
-    let policy = controller.policy().manifest().name.to_owned();
-    Summary { policy, ticks, apexes, counts: *controller.counts(), real_time: None }
+/// Returns what a run came to.
+pub(super) fn summary(node: &NodeLoop, ticks: u64, apexes: u32) -> Summary {
+    let controller = node.controller();
+    let policy = controller.map(|controller| controller.policy().manifest().name.to_owned());
+    let counts = controller.map(|controller| *controller.counts()).unwrap_or_default();
+    Summary { policy: policy.unwrap_or_default(), ticks, apexes, counts, real_time: None }
 }

@@ -22,10 +22,12 @@ impl Attendant {
         let once = self.once;
         let exit_on = if once { ExitOn::EndOfRun } else { ExitOn::StopSignal };
         let options = args.real_time.options(Role::Controller, args.rate, figures);
-        let manifest: Manifest<'static> = self.controller.controller().policy().manifest().clone();
+        let manifest: Option<Manifest<'static>> =
+            self.node.controller().map(|controller| controller.policy().manifest().clone());
         let on_event = move |event: &PeerEvent| {
             if let PeerEvent::Connected(peer) = event
-                && let Some(warning) = other_leg(&manifest, peer.leg)
+                && let Some(warning) =
+                    manifest.as_ref().and_then(|manifest| other_leg(manifest, peer.leg))
             {
                 say(warning);
             }
@@ -35,18 +37,9 @@ impl Attendant {
         };
         let (lost_peer, supervise) =
             realtime::supervise_peer(&self.link, &self.stop, self.patience, on_event);
-        let ServeOutcome { ended, samples, last, report } = realtime::serve(
-            self.link,
-            &mut self.controller,
-            exit_on,
-            &options,
-            &self.stop,
-            supervise,
-        );
-        tell(&Summary {
-            real_time: Some(report),
-            ..summary(&self.controller, samples, last.apexes)
-        });
+        let ServeOutcome { ended, samples, last, report } =
+            realtime::serve(self.link, &mut self.node, exit_on, &options, &self.stop, supervise);
+        tell(&Summary { real_time: Some(report), ..summary(&self.node, samples, last.apexes) });
         match lost_peer.get().cloned().map_or(ended, Err) {
             // For one that stays, the way to end.
             Err(LinkError::Stopped) if !once => Ok(()),

@@ -418,6 +418,42 @@ impl Client {
         }
     }
 
+    /// Reads the JSON report of the process around the node; `None` from a board.
+    ///
+    /// # Errors
+    /// As [`Client::request`].
+    pub fn report(&mut self) -> Result<Option<Vec<u8>>, ClientError> {
+        match self.read_all(|offset| Request::Report { offset }) {
+            Err(ClientError::Refused(RequestError::Unsupported)) => Ok(None),
+            report => report.map(Some),
+        }
+    }
+
+    /// Reads the blob with this checksum; `None` when the node does not have it.
+    ///
+    /// # Errors
+    /// As [`Client::request`].
+    pub fn read_policy(&mut self, crc32: u32) -> Result<Option<Vec<u8>>, ClientError> {
+        match self.read_all(|offset| Request::Read { crc32, offset }) {
+            Err(ClientError::Refused(RequestError::NotFound)) => Ok(None),
+            blob => blob.map(Some),
+        }
+    }
+
+    fn read_all(
+        &mut self,
+        request: impl Fn(u32) -> Request<'static>,
+    ) -> Result<Vec<u8>, ClientError> {
+        let mut all = Vec::new();
+        loop {
+            match self.request(&request(all.len() as u32), REQUEST_PATIENCE)? {
+                Reply::Bytes([]) => return Ok(all),
+                Reply::Bytes(part) => all.extend_from_slice(part),
+                _ => return Err(ClientError::WrongReply),
+            }
+        }
+    }
+
     /// Requests the state of the node.
     ///
     /// # Errors

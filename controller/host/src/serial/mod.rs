@@ -8,7 +8,6 @@
 //! controller, with flash in memory.
 
 pub mod client;
-pub mod commands;
 pub mod identity;
 mod line;
 pub mod link;

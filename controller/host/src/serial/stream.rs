@@ -312,13 +312,21 @@ struct Which {
     tcp: Option<String>,
 }
 
-fn parse_baud(text: &str) -> Result<u32, String> {
+/// Reads a baud rate.
+///
+/// # Errors
+/// A message with the limits.
+pub fn parse_baud(text: &str) -> Result<u32, String> {
     text.parse().ok().filter(|baud| BAUDS.contains(baud)).ok_or_else(|| {
         format!("it must be a whole number of bits a second, {} to {}", BAUDS.start(), BAUDS.end())
     })
 }
 
-fn parse_address(text: &str) -> Result<String, String> {
+/// Reads `host:port`.
+///
+/// # Errors
+/// A message with the format.
+pub fn parse_address(text: &str) -> Result<String, String> {
     let is_one = text
         .rsplit_once(':')
         .is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok());

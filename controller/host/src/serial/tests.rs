@@ -183,7 +183,7 @@ fn a_refusal_says_what_to_do() {
     let (mut client, _bench) = board();
     let refused = client.have_done(&Request::SetPoint(Some(99.0))).unwrap_err();
     assert!(matches!(refused, ClientError::Refused(RequestError::SetPoint { .. })), "{refused}");
-    assert!(refused.to_string().contains("at most 50 m/s"), "{refused}");
+    assert!(refused.to_string().contains("from -50 to 50 m/s"), "{refused}");
     let refused = roll_back(&mut client, SHORT).unwrap_err().to_string();
     assert!(refused.contains("nothing to go back to: empty"), "{refused}");
     // It is none the worse for it.

@@ -49,6 +49,24 @@ pub fn upload(
     patience: Duration,
     mut progress: impl FnMut(Progress),
 ) -> Result<Uploaded, ClientError> {
+    let crc32 = policy.crc32();
+    let took = transfer(client, policy, bytes, origin, patience, &mut progress)?;
+    let (slot, swapped_after) = wait_for_swap(client, patience, |slots| newest(slots, crc32))?;
+    Ok(Uploaded { slot, took, swapped_after })
+}
+
+/// Uploads and commits a policy as [`upload`] does, and returns how long it took.
+///
+/// # Errors
+/// [`ClientError`]; the policy that ran before runs on.
+pub fn transfer(
+    client: &mut Client,
+    policy: &Policy<'_>,
+    bytes: &[u8],
+    origin: &str,
+    patience: Duration,
+    mut progress: impl FnMut(Progress),
+) -> Result<Duration, ClientError> {
     let begun = Instant::now();
     let crc32 = policy.crc32();
     let begin = Request::Begin { length: bytes.len() as u32, crc32, origin: cut_origin(origin) };
@@ -70,8 +88,7 @@ pub fn upload(
     client.have_done(&Request::Commit)?;
     let took = begun.elapsed();
     progress(Progress::Committed);
-    let (slot, swapped_after) = wait_for_swap(client, patience, |slots| newest(slots, crc32))?;
-    Ok(Uploaded { slot, took, swapped_after })
+    Ok(took)
 }
 
 /// Has the controller go back to the policy in the other slot, and waits at

@@ -1,4 +1,4 @@
-//! Policies for the life of the process.
+//! Policies that stay in memory for the life of the process.
 //!
 //! A policy lies over its bytes, and a controller that runs it may be swapped
 //! to another and back at any time: so the bytes stay. Each different blob is
@@ -14,7 +14,7 @@ pub const MAX_POLICIES: usize = 256;
 
 /// A policy that stays.
 #[derive(Debug)]
-pub struct Shelved {
+pub struct CachedPolicy {
     blob: &'static [u8],
     policy: Policy<'static>,
 }
@@ -22,7 +22,7 @@ pub struct Shelved {
 /// Why a blob is not kept.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-pub enum ShelfError {
+pub enum PolicyCacheError {
     /// It is too long to be one.
     #[error("it is {0} bytes long, and a policy is at most {MAX_BYTES}")]
     TooLong(usize),
@@ -36,40 +36,47 @@ pub enum ShelfError {
     Full,
 }
 
-static SHELF: Mutex<Vec<&'static Shelved>> = Mutex::new(Vec::new());
+static CACHE: Mutex<Vec<&'static CachedPolicy>> = Mutex::new(Vec::new());
 
 /// Keeps a blob, once it has passed every check; the same again costs nothing.
 ///
 /// # Errors
-/// [`ShelfError`]; a blob that is refused is not kept.
-pub fn keep(bytes: &[u8]) -> Result<&'static Shelved, ShelfError> {
-    let mut shelf = SHELF.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some(there) = shelf.iter().find(|there| there.blob == bytes) {
+/// [`PolicyCacheError`]; a blob that is refused is not kept.
+pub fn intern(bytes: &[u8]) -> Result<&'static CachedPolicy, PolicyCacheError> {
+    let mut cache = CACHE.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(there) = cache.iter().find(|there| there.blob == bytes) {
         return Ok(there);
     }
     if bytes.len() as u64 > MAX_BYTES {
-        return Err(ShelfError::TooLong(bytes.len()));
+        return Err(PolicyCacheError::TooLong(bytes.len()));
     }
     let aligned = AlignedBytes::from(bytes);
-    Policy::parse(aligned.as_slice()).map_err(ShelfError::Parse)?;
-    if shelf.len() >= MAX_POLICIES {
-        return Err(ShelfError::Full);
+    Policy::parse(aligned.as_slice()).map_err(PolicyCacheError::Parse)?;
+    if cache.len() >= MAX_POLICIES {
+        return Err(PolicyCacheError::Full);
     }
     let blob = aligned.leak();
-    let policy = Policy::parse(blob).map_err(ShelfError::Parse)?;
-    let shelved: &'static Shelved = Box::leak(Box::new(Shelved { blob, policy }));
-    shelf.push(shelved);
-    Ok(shelved)
+    let policy = Policy::parse(blob).map_err(PolicyCacheError::Parse)?;
+    let cached: &'static CachedPolicy = Box::leak(Box::new(CachedPolicy { blob, policy }));
+    cache.push(cached);
+    Ok(cached)
 }
 
-impl Shelved {
-    /// Its bytes.
+/// Returns the policy with this checksum, if it was ever kept.
+#[must_use]
+pub fn find(crc32: u32) -> Option<&'static CachedPolicy> {
+    let cache = CACHE.lock().unwrap_or_else(PoisonError::into_inner);
+    cache.iter().find(|kept| kept.policy.crc32() == crc32).copied()
+}
+
+impl CachedPolicy {
+    /// Returns its bytes.
     #[must_use]
     pub fn blob(&self) -> &'static [u8] {
         self.blob
     }
 
-    /// The policy in them.
+    /// Returns the policy in them.
     #[must_use]
     pub fn policy(&self) -> &Policy<'static> {
         &self.policy
@@ -83,13 +90,13 @@ mod tests {
 
     #[test]
     fn the_same_blob_is_kept_once_and_a_bad_one_never() {
-        let one = keep(SHIPPED).unwrap();
-        assert!(std::ptr::eq(one, keep(AlignedBytes::from(SHIPPED).as_slice()).unwrap()));
+        let one = intern(SHIPPED).unwrap();
+        assert!(std::ptr::eq(one, intern(AlignedBytes::from(SHIPPED).as_slice()).unwrap()));
         assert_eq!(one.blob(), SHIPPED);
         let mut bad = SHIPPED.to_vec();
         bad[100] ^= 1;
-        assert!(matches!(keep(&bad), Err(ShelfError::Parse(ParseError::Crc { .. }))));
+        assert!(matches!(intern(&bad), Err(PolicyCacheError::Parse(ParseError::Crc { .. }))));
         let long = vec![0; MAX_BYTES as usize + 1];
-        assert_eq!(keep(&long).unwrap_err(), ShelfError::TooLong(long.len()));
+        assert_eq!(intern(&long).unwrap_err(), PolicyCacheError::TooLong(long.len()));
     }
 }

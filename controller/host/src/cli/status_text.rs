@@ -1,0 +1,131 @@
+//! The status of a controller, in words and as JSON.
+
+use std::fmt;
+use std::time::UNIX_EPOCH;
+
+use serde_json::{Value, json};
+
+use super::commands::{digits, identity_json, identity_text, slot_json, slot_text};
+use crate::TimeMode;
+use crate::serial::DeviceIdentity;
+use crate::status::Status;
+use leg_control::serial::message::{self, Activity, RunTick, Slot, SlotReport};
+
+/// Returns the status of a board as JSON, and in words.
+pub(super) fn board(
+    identity: &DeviceIdentity,
+    message::Status { run, line, device }: &message::Status,
+    slots: &[SlotReport<'_>; 2],
+) -> (Value, String) {
+    let all = || Slot::ALL.into_iter().zip(slots);
+    let mut json = identity_json(identity);
+    json["gravity_m_s2"] = digits(identity.gravity_m_s2).into();
+    json["activity"] = json!(run.activity);
+    json["last"] = json!(run.last);
+    json["pending"] = run.pending.map(|slot| slot.to_string()).into();
+    json["ticks"] = (run.counts.ticks - run.counts.missed).into();
+    json["apexes"] = run.apexes.into();
+    json["swaps"] = run.counts.swaps.into();
+    json["rejected"] = json!(run.rejected);
+    json["counts"] = json!(run.counts);
+    json["line"] = json!(line);
+    json["device"] = json!(device);
+    json["slots"] = all().map(|(slot, report)| slot_json(slot, report)).collect();
+    let activity = match run.activity {
+        Activity::Waiting => "waits for samples",
+        Activity::Safe => "in its safe state",
+        Activity::Running => "runs",
+    };
+    let last = run.last.map_or_else(|| "none".to_owned(), |at| Tick(at).to_string());
+    let r = &run.rejected;
+    let mut text = format!(
+        "{}\nstate     {activity}\nticks     {}, missed {}; the last {last}; apexes {}\n\
+         rejected  {}, of these missing {}, stale {}; safe state entered {} times\n\
+         line      {} frames, {} damaged, {} bytes lost; stack {} of {} bytes",
+        identity_text(identity),
+        run.counts.ticks,
+        run.counts.missed,
+        run.apexes,
+        r.ticks,
+        r.missing,
+        r.stale,
+        r.safe_entered,
+        line.frames,
+        line.crc_errors + line.malformed + line.oversize + line.version,
+        device.lost_bytes,
+        device.stack_used,
+        device.stack_size,
+    );
+    for (slot, report) in all() {
+        text.push('\n');
+        text.push_str(&slot_text(slot, report));
+    }
+    if let Some(slot) = run.pending {
+        text.push_str(&format!("\nnext      slot {slot}, at the next apex"));
+    }
+    (json, text)
+}
+
+/// A tick in words.
+pub(super) struct Tick(pub(super) RunTick);
+
+impl fmt::Display for Tick {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "tick {} of run {}", self.0.seq, self.0.run_id)
+    }
+}
+
+/// The status of a process, in lines.
+pub(super) struct Table<'a>(pub(super) &'a Status);
+
+impl fmt::Display for Table<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let s = self.0;
+        let pace = if s.pace == TimeMode::RealTime { "in real time" } else { "in lock-step" };
+        writeln!(
+            f,
+            "controller  process {}, {} Hz {pace}, {} m/s2",
+            s.pid, s.rate_hz, s.gravity_m_s2
+        )?;
+        let activity = match s.activity {
+            Activity::Waiting => "waits for a leg",
+            Activity::Safe => "in its safe state",
+            Activity::Running => "runs",
+        };
+        let peer = s.peer.pid.map_or_else(String::new, |pid| format!(", process {pid}"));
+        writeln!(
+            f,
+            "state       {activity}{peer}; legs met {}, lost {}",
+            s.peer.connections, s.peer.losses
+        )?;
+        let p = &s.policy;
+        writeln!(f, "policy      {} ({}), from {}", p.name, p.crc32, p.file)?;
+        writeln!(f, "            {}", p.provenance)?;
+        let ago_s = UNIX_EPOCH.elapsed().unwrap_or_default().as_secs_f64() - s.since_unix_s;
+        write!(f, "since       {ago_s:.1} s")?;
+        match s.since {
+            Some(at) => writeln!(f, ", {}; swaps {}", Tick(at), s.swaps)?,
+            None => writeln!(f, ", no tick yet; swaps {}", s.swaps)?,
+        }
+        if let Some(next) = &s.pending {
+            writeln!(f, "next        {} ({}), at the next apex", next.name, next.crc32)?;
+        }
+        if let Some(last) = s.last {
+            let ticks = s.ticks;
+            writeln!(f, "ticks       {ticks}, the last {}; apexes {}", Tick(last), s.apexes)?;
+        }
+        let r = &s.rejected;
+        writeln!(
+            f,
+            "rejected    {}, of these missing {}, stale {}; safe state entered {} times",
+            r.ticks, r.missing, r.stale, r.safe_entered
+        )?;
+        if let Some(set_point_m_s) = s.set_point_m_s {
+            writeln!(f, "set-point   {set_point_m_s} m/s, in place of that of the samples")?;
+        }
+        if let Some(report) = &s.timing {
+            writeln!(f, "loop        {}", report.line())?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,125 @@
+//! Which controller a command is for, and the connection to it.
+
+use std::io::{self, ErrorKind};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use super::Meeting;
+use crate::Domain;
+use crate::discovery::{DomainError, other_users, other_users_note};
+use crate::serial::stream::{
+    ByteStream, Endpoint, OpenError, USUAL_BAUD, over_unix, parse_address, parse_baud,
+};
+use crate::serial::{Client, ClientError, DeviceIdentity, client::HELLO_PATIENCE};
+use crate::server::socket_in;
+use leg_process::Stop;
+
+/// Which controller: the process in a domain (the default), or a board.
+#[derive(Clone, Debug, clap::Args)]
+pub struct TargetArgs {
+    /// The process in this domain.
+    #[command(flatten)]
+    meeting: Meeting,
+    /// The board on this serial port.
+    #[arg(long, value_name = "PATH", conflicts_with_all = ["domain", "unix", "tcp"])]
+    serial: Option<PathBuf>,
+    /// The controller behind this unix socket: an emulator's, or a bridge's --share.
+    #[arg(long, value_name = "PATH", conflicts_with_all = ["domain", "tcp"])]
+    unix: Option<PathBuf>,
+    /// The controller behind this TCP port.
+    #[arg(long, value_name = "HOST:PORT", value_parser = parse_address, conflicts_with = "domain")]
+    tcp: Option<String>,
+    /// Bits a second on the serial port; a USB port takes any [default: 2000000].
+    #[arg(long, value_name = "BAUD", requires = "serial", value_parser = parse_baud, allow_negative_numbers = true)]
+    baud: Option<u32>,
+    /// Print the result as one JSON object.
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+/// Why there is no connection to a controller.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ConnectionError {
+    /// The name of the domain is invalid.
+    #[error(transparent)]
+    Domain(#[from] DomainError),
+    /// No controller runs in that domain.
+    #[error(
+        "no controller is running in domain `{domain}`{}; start one with `controller --policy FILE \
+         --domain {domain}`, name another --domain, or a board by --serial, --unix or --tcp",
+        other_users_note(other_users)
+    )]
+    Nobody {
+        /// The domain.
+        domain: String,
+        /// Other users with domains in the same place.
+        other_users: Vec<u32>,
+    },
+    /// The system refused.
+    #[error("cannot connect to the controller in domain `{domain}`: {cause}")]
+    Io {
+        /// The domain.
+        domain: String,
+        /// What the system says.
+        cause: io::Error,
+    },
+    /// The stream cannot be opened.
+    #[error(transparent)]
+    Open(#[from] OpenError),
+    /// The controller does not answer.
+    #[error(transparent)]
+    Client(#[from] ClientError),
+}
+
+impl TargetArgs {
+    /// Returns how long to wait.
+    pub(super) fn timeout(&self) -> Duration {
+        self.meeting.timeout()
+    }
+
+    /// Connects to the controller, and asks for its identity.
+    pub(super) fn connect(&self, stop: &Stop) -> Result<(Client, DeviceIdentity), ConnectionError> {
+        let endpoint = match self {
+            Self { serial: Some(path), baud, .. } => {
+                Endpoint::Serial { path: path.clone(), baud: baud.unwrap_or(USUAL_BAUD) }
+            }
+            Self { unix: Some(path), .. } => Endpoint::Unix(path.clone()),
+            Self { tcp: Some(address), .. } => Endpoint::Tcp(address.clone()),
+            Self { .. } => {
+                let mut client = Client::new(open_process(self.meeting.domain())?, stop);
+                let identity = client.identify(self.timeout().min(HELLO_PATIENCE))?;
+                return Ok((client, identity));
+            }
+        };
+        let mut client = Client::new(endpoint.open()?, stop);
+        let identity = client.identify(HELLO_PATIENCE)?;
+        Ok((client, identity))
+    }
+}
+
+/// Opens a stream to the controller process in a domain.
+///
+/// # Errors
+/// [`ConnectionError`].
+pub fn open_process(domain: &str) -> Result<Box<dyn ByteStream>, ConnectionError> {
+    let path = socket_in(&Domain::folder(domain)?);
+    let connected = std::os::unix::net::UnixStream::connect(path).and_then(over_unix);
+    connected.map_err(|cause| match cause.kind() {
+        ErrorKind::NotFound | ErrorKind::ConnectionRefused => {
+            ConnectionError::Nobody { domain: domain.to_owned(), other_users: other_users() }
+        }
+        _ => ConnectionError::Io { domain: domain.to_owned(), cause },
+    })
+}
+
+/// Reads the status of the controller process in a domain.
+///
+/// # Errors
+/// [`ConnectionError`]; a controller that is no process answers by
+/// [`ClientError::WrongReply`].
+pub fn process_status(domain: &str) -> Result<crate::status::Status, ConnectionError> {
+    let mut client = Client::new(open_process(domain)?, &Stop::default());
+    let report = client.report()?.ok_or(ClientError::WrongReply)?;
+    Ok(serde_json::from_slice(&report).map_err(|_| ClientError::WrongReply)?)
+}

@@ -1,0 +1,162 @@
+//! The control node of a process, as its control loop runs it.
+//!
+//! Changes come from a wait-free ring, and the state of the node goes out
+//! through a triple buffer; [`super::node_server`] has the other ends. A tick
+//! here neither waits, nor allocates, nor makes a system call.
+
+use rtrb::{Consumer, Producer};
+use triple_buffer::Input;
+
+use super::realtime::Control;
+use leg_control::policy::Policy;
+use leg_control::serial::message::{PolicyReport, RunTick, Slot};
+use leg_control::serial::node::{ControlNode, NodeStatus};
+use leg_control::wire::{Command, Sample};
+use leg_control::wire_controller::WireController;
+
+/// Changes that may wait for the loop's next tick.
+pub(super) const CHANGES: usize = 16;
+
+/// A change of the node.
+// A policy is moved as it is: in a box, the loop would free memory.
+#[allow(clippy::large_enum_variant)]
+#[derive(Debug)]
+pub(super) enum Change {
+    SetPoint(Option<f32>),
+    RunPolicy { number: u64, slot: Slot, policy: Policy<'static> },
+}
+
+/// The loop has taken policies: before the tick that answers this sample.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Taken {
+    /// All up to this number that were not reported before.
+    pub(super) up_to: u64,
+    pub(super) at: RunTick,
+}
+
+/// The state of the node after a tick.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Snapshot {
+    pub(super) status: NodeStatus<'static>,
+    /// Number of the policy in force; 0 is the first.
+    pub(super) in_force: u64,
+    /// The first tick with a sample under it.
+    pub(super) since: Option<RunTick>,
+}
+
+/// A control node that takes changes from beside its loop. Call it once a tick.
+#[derive(Debug)]
+pub struct NodeLoop {
+    node: ControlNode<'static>,
+    changes: Consumer<Change>,
+    taken: Producer<Taken>,
+    snapshot: Input<Snapshot>,
+    /// Sequence number of the last tick.
+    seq: u32,
+    /// Numbers of the latest policy taken and of the latest reported.
+    latest: u64,
+    reported: u64,
+    policy: Option<PolicyReport<'static>>,
+    in_force: u64,
+    since: Option<RunTick>,
+}
+
+impl NodeLoop {
+    pub(super) fn new(
+        node: ControlNode<'static>,
+        changes: Consumer<Change>,
+        taken: Producer<Taken>,
+        snapshot: Input<Snapshot>,
+    ) -> Self {
+        let mut this = Self {
+            node,
+            changes,
+            taken,
+            snapshot,
+            seq: 0,
+            latest: 0,
+            reported: 0,
+            policy: None,
+            in_force: 0,
+            since: None,
+        };
+        this.take_changes();
+        this.policy = this.node.report();
+        this.publish(None);
+        this
+    }
+
+    /// Runs one tick: returns the command for the sample that came, or for none.
+    pub fn tick(&mut self, sample: Option<&Sample>) -> Command {
+        self.take_changes();
+        self.seq = self.seq.wrapping_add(1);
+        let command = self.node.tick(self.seq, sample);
+        let at =
+            sample.map(|sample| RunTick { run_id: sample.header.run_id, seq: sample.header.seq });
+        if let Some(at) = at
+            && self.reported != self.latest
+        {
+            // There is room: each change needs one place at most.
+            let _ = self.taken.push(Taken { up_to: self.latest, at });
+            self.reported = self.latest;
+        }
+        self.publish(at);
+        command
+    }
+
+    /// Takes the changes that wait; also between two runs, where a policy takes
+    /// over at once.
+    pub fn take_changes(&mut self) {
+        while let Ok(change) = self.changes.pop() {
+            match change {
+                // The server has checked it.
+                Change::SetPoint(set_point_m_s) => drop(self.node.set_point(set_point_m_s)),
+                Change::RunPolicy { number, slot, policy } => {
+                    self.node.run_policy(slot, &policy);
+                    self.latest = number;
+                }
+            }
+        }
+    }
+
+    /// Forgets the run and keeps the policy; one that waits for an apex runs.
+    pub fn restart(&mut self) {
+        self.take_changes();
+        self.node.end_run();
+        self.publish(None);
+    }
+
+    /// Takes the changes that wait while no leg is there.
+    pub fn idle(&mut self) {
+        self.take_changes();
+        self.publish(None);
+    }
+
+    /// Returns the control law that runs.
+    #[must_use]
+    pub fn controller(&self) -> Option<&WireController<'static>> {
+        self.node.controller()
+    }
+
+    fn publish(&mut self, at: Option<RunTick>) {
+        let is_pending = self.controller().is_some_and(WireController::swap_is_pending);
+        if self.in_force != self.latest && !is_pending {
+            self.in_force = self.latest;
+            self.since = None;
+            self.policy = self.node.report();
+        }
+        self.since = self.since.or(at);
+        let status = self.node.status(self.policy);
+        self.snapshot.write(Snapshot { status, in_force: self.in_force, since: self.since });
+    }
+}
+
+impl Control for NodeLoop {
+    fn tick(&mut self, sample: Option<&Sample>) -> Command {
+        Self::tick(self, sample)
+    }
+
+    fn reset(&mut self) {
+        self.restart();
+    }
+}

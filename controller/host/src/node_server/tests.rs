@@ -1,0 +1,177 @@
+use super::*;
+use crate::fixture::{blob_of, manifest};
+use crate::policy_cache;
+use leg_control::policy::SHIPPED;
+use leg_control::serial::message::{RejectCounts, RunTick};
+use leg_control::wire::{Header, WIRE_VERSION, flags};
+
+fn open() -> (NodeLoop, NodeServer) {
+    let peer = || PeerStatus { pid: Some(1), ..PeerStatus::default() };
+    let sources = StatusSources { peer: Box::new(peer), timing: None };
+    let policy = policy_cache::intern(SHIPPED).unwrap();
+    NodeServer::open(policy, "the shipped policy", SessionParams::at(1000), sources).unwrap()
+}
+
+/// Swaps to a blob, by requests as a client sends them.
+fn swap(server: &mut NodeServer, origin: &str, blob: &[u8]) -> Result<u32, RequestError> {
+    let crc32 = u32::from_le_bytes(*blob.last_chunk().unwrap());
+    let mut requests = vec![Request::Begin { length: blob.len() as u32, crc32, origin }];
+    for (index, bytes) in blob.chunks(MAX_CHUNK).enumerate() {
+        requests.push(Request::Chunk { offset: (index * MAX_CHUNK) as u32, bytes });
+    }
+    requests.extend([Request::Verify, Request::Commit]);
+    for request in requests {
+        let mut filter = RepeatFilter::default();
+        match server.answer(7, &request, &mut filter, &LineCounts::ZERO) {
+            Reply::Done => (),
+            Reply::Refused(error) => return Err(error),
+            other => panic!("{other:?}"),
+        }
+    }
+    Ok(crc32)
+}
+
+fn other() -> Vec<u8> {
+    blob_of(&manifest()).unwrap()
+}
+
+/// A leg that hops as if on rails, an apex every hundred ticks.
+fn hopping(run_id: u32, seq: u64) -> Sample {
+    let phase = core::f32::consts::TAU * (seq % 100) as f32 / 100.0;
+    let y_m = 1.05 + 0.15 * phase.cos();
+    let contact = if y_m < 0.99 { flags::IN_CONTACT } else { 0 };
+    Sample {
+        header: Header {
+            version: WIRE_VERSION,
+            flags: flags::CONTACT_SENSED | contact,
+            run_id,
+            seq,
+            t_ns: seq * 1_000_000,
+        },
+        y_m,
+        vy_m_s: -0.15 * core::f32::consts::TAU * 10.0 * phase.sin(),
+        ..Sample::default()
+    }
+}
+
+#[test]
+fn a_swap_waits_for_the_apex_and_is_logged_with_its_ticks() {
+    let (mut node, mut server) = open();
+    for seq in 0..250 {
+        node.tick(Some(&hopping(7, seq)));
+    }
+    let before = server.status().policy;
+    let crc32 = swap(&mut server, "other.bin", &other()).unwrap();
+    node.tick(Some(&hopping(7, 250)));
+    let status = server.status();
+    let pending = status.pending.unwrap();
+    assert_eq!((pending.name.as_str(), pending.crc32), ("test", Crc32(crc32)));
+    assert_eq!((pending.file.as_str(), &status.policy, status.swaps), ("other.bin", &before, 0));
+    assert_eq!(server.news(), None);
+    for seq in 251..=300 {
+        assert!(!node.tick(Some(&hopping(7, seq))).is_safe());
+    }
+    let status = server.status();
+    assert_eq!((status.policy, status.swaps, status.pending), (pending, 1, None));
+    let apex = Some(RunTick { run_id: 7, seq: 300 });
+    assert_eq!((status.since, status.last, status.ticks), (apex, apex, 301));
+    assert_eq!(status.rejected, RejectCounts::default());
+    let news = server.news().unwrap();
+    assert!(news.contains("other.bin") && news.contains("at tick 300"), "{news}");
+    assert_eq!(server.news(), None, "reported once");
+    assert_eq!(status.swap_log.len(), 1);
+    let order = Some(RunTick { run_id: 7, seq: 250 });
+    assert_eq!((status.swap_log[0].crc32, status.swap_log[0].at), (Crc32(crc32), order));
+    let mut filter = RepeatFilter::default();
+    let read = Request::Read { crc32, offset: 0 };
+    let reply = server.answer(1, &read, &mut filter, &LineCounts::ZERO);
+    assert_eq!(reply, Reply::Bytes(&other()[..MAX_CHUNK]));
+}
+
+#[test]
+fn a_refused_swap_leaves_the_policy_and_the_error_names_it() {
+    let (mut node, mut server) = open();
+    let mut bad = other();
+    bad[200] ^= 4;
+    assert!(matches!(swap(&mut server, "bad.bin", &bad), Err(RequestError::Blob(_))));
+    let missing = server.swap_file(Path::new("/no/where.bin")).unwrap_err();
+    assert!(missing.contains("/no/where.bin") && missing.contains("stays"), "{missing}");
+    node.tick(Some(&hopping(1, 0)));
+    assert_eq!(server.status().swaps, 0);
+
+    // Without ticks the ring is full at some point.
+    for _ in 0..CHANGES {
+        swap(&mut server, "other.bin", &other()).unwrap();
+    }
+    assert_eq!(swap(&mut server, "other.bin", &other()), Err(RequestError::Busy));
+    node.tick(Some(&hopping(1, 1)));
+    assert_eq!(server.status().swaps, CHANGES as u64);
+    swap(&mut server, "other.bin", &other()).unwrap();
+}
+
+#[test]
+fn a_thousand_swaps_leave_every_tick_a_command_and_none_safe() {
+    let (mut node, mut server) = open();
+    for seq in 0..150 {
+        node.tick(Some(&hopping(1, seq)));
+    }
+    let other = other();
+    for seq in 150..150 + 1000 * 100 {
+        if seq % 100 == 50 {
+            let blob = if seq % 200 == 50 { SHIPPED } else { &other };
+            swap(&mut server, "one.bin", blob).unwrap();
+        }
+        assert!(!node.tick(Some(&hopping(1, seq))).is_safe(), "tick {seq}");
+    }
+    let status = server.status();
+    assert_eq!((status.swaps, status.rejected.ticks, status.pending), (1000, 0, None));
+    assert_eq!(status.swap_log.len(), SWAP_LOG);
+    assert!(status.swap_log.iter().all(|swap| swap.at.is_some_and(|at| at.seq % 100 == 50)));
+}
+
+#[test]
+fn a_restart_keeps_the_policy_and_lets_the_waiting_one_run() {
+    let (mut node, mut server) = open();
+    for seq in 0..250 {
+        node.tick(Some(&hopping(1, seq)));
+    }
+    swap(&mut server, "other.bin", &other()).unwrap();
+    node.restart();
+    assert_eq!(server.status().policy.name, "test");
+    assert_eq!(server.status().since, None, "no sample yet");
+    node.tick(Some(&hopping(2, 0)));
+    assert_eq!(server.status().since, Some(RunTick { run_id: 2, seq: 0 }));
+}
+
+#[test]
+fn the_set_point_of_a_request_replaces_that_of_the_samples() {
+    let velocity_offset = |set_point_m_s: Option<f32>| {
+        let (mut node, mut server) = open();
+        let request = Request::SetPoint(set_point_m_s);
+        let mut filter = RepeatFilter::default();
+        let reply = server.answer(1, &request, &mut filter, &LineCounts::ZERO);
+        assert_eq!(reply, Reply::Done);
+        (0..=200).map(|seq| node.tick(Some(&hopping(1, seq)))).last().unwrap().velocity_offset_m_s
+    };
+    assert_ne!(velocity_offset(Some(1.5)).to_bits(), velocity_offset(None).to_bits());
+    let (_node, mut server) = open();
+    for bad in [f32::NAN, 60.0] {
+        let mut filter = RepeatFilter::default();
+        let request = Request::SetPoint(Some(bad));
+        let reply = server.answer(1, &request, &mut filter, &LineCounts::ZERO);
+        assert!(matches!(reply, Reply::Refused(RequestError::SetPoint { .. })), "{reply:?}");
+    }
+}
+
+#[test]
+fn a_client_cannot_reset_a_process_or_set_its_mode() {
+    let (_node, mut server) = open();
+    for request in [
+        Request::Reset { session: 1, rate_hz: 500, gravity_m_s2: 9.81 },
+        Request::SetMode(Mode::Idle),
+    ] {
+        let mut filter = RepeatFilter::default();
+        let reply = server.answer(1, &request, &mut filter, &LineCounts::ZERO);
+        assert_eq!(reply, Reply::Refused(RequestError::InSession));
+    }
+}
