@@ -318,7 +318,7 @@ impl NodeServer {
             apexes: status.run.apexes,
             rejected: status.run.rejected,
             peer: (self.node.sources.peer)(),
-            swap_log: log.iter().filter(|record| record.number > 0).copied().collect(),
+            swap_log: log.iter().skip(1).copied().collect(),
             timing: self.node.sources.timing.as_ref().map(LatestReport::get),
         }
     }
