@@ -226,7 +226,7 @@ impl ReplayReport {
         }
         match self.apexes.len().saturating_sub(MAX_TABLE_APEXES) {
             0 => Ok(()),
-            more => writeln!(f, "and {more} more apexes (--json has them all)"),
+            more => writeln!(f, "and {more} more apexes; the JSON output has all"),
         }
     }
 }
