@@ -47,7 +47,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for tick in 0..2_000 {
         if tick == 1_200 {
             controller.swap(Policy::parse(other)?);
-            println!("tick {tick}: \"{}\" waits for the next apex", "stronger");
+            println!("tick {tick}: the other policy waits for the next apex");
         }
         let was_pending = controller.swap_is_pending();
         let output = controller.step(Some(&hopping(tick)), 0.5);

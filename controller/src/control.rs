@@ -147,11 +147,11 @@ impl<'a> Controller<'a> {
     ) -> Output {
         self.take_set_point(set_point_m_s);
         match self.guard.judge(measurement) {
-            Verdict::Use(measurement) => self.advance(&measurement),
+            Verdict::Use(measurement) => self.advance(measurement),
             Verdict::Restart(measurement) => {
                 self.take_next();
                 self.forget();
-                self.advance(&measurement)
+                self.advance(measurement)
             }
             Verdict::Coast(reject) => {
                 self.coast();
@@ -197,7 +197,7 @@ impl<'a> Controller<'a> {
         }
     }
 
-    fn advance(&mut self, measurement: &Trusted<'_>) -> Output {
+    fn advance(&mut self, measurement: Trusted<'_>) -> Output {
         let passed = self.gait.update(measurement);
         let m = measurement.measurement();
         if self.gait.in_flight() {

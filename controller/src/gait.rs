@@ -127,7 +127,7 @@ impl Gait {
     }
 
     /// Takes a measurement; returns the apex passed since the last one, if any.
-    pub fn update(&mut self, measurement: &Trusted<'_>) -> Option<Apex> {
+    pub fn update(&mut self, measurement: Trusted<'_>) -> Option<Apex> {
         let measurement = measurement.measurement();
         let now = Motion::of(measurement);
         let before = self.now.replace(now);

@@ -345,13 +345,14 @@ impl Guard {
     }
 
     fn check_time(&self, t_ns: u64) -> Result<(), Reject> {
-        match self.last_ns {
-            None => Ok(()),
-            Some(last_ns) if t_ns == last_ns => Err(Reject::Stale),
-            Some(last_ns) if t_ns < last_ns => Err(Reject::OutOfOrder),
-            Some(last_ns) if t_ns - last_ns > self.limits.max_gap_ns => Err(Reject::Gap),
-            Some(_) => Ok(()),
+        let Some(last_ns) = self.last_ns else { return Ok(()) };
+        if t_ns == last_ns {
+            return Err(Reject::Stale);
         }
+        if t_ns < last_ns {
+            return Err(Reject::OutOfOrder);
+        }
+        if t_ns - last_ns > self.limits.max_gap_ns { Err(Reject::Gap) } else { Ok(()) }
     }
 }
 

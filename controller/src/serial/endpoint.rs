@@ -2,7 +2,7 @@
 
 use embedded_io::{Read, Write};
 
-use super::frame::{self, MAX_FRAME, Receiver, UnknownMessageError};
+use super::frame::{self, MAX_FRAME, Receiver};
 use super::handler::{Outcome, RequestHandler, done};
 use super::message::{Alarm, DeviceCounts, LineCounts, Reply, Request, ToController, ToHost};
 use super::node::{NodeChange, NodeHandle};
@@ -107,13 +107,11 @@ impl Endpoint {
         answer: impl FnOnce(ToController<'_>, &mut RepeatFilter, &LineCounts) -> Option<ToHost<'r>>,
     ) -> Option<&[u8]> {
         self.receiver.push(byte)?.ok()?;
-        let answer = match frame::decode(self.receiver.payload()) {
-            Ok(message) => answer(message, &mut self.filter, self.receiver.counts())?,
-            Err(UnknownMessageError) => {
-                self.receiver.count_unknown();
-                return None;
-            }
+        let Ok(message) = frame::decode(self.receiver.payload()) else {
+            self.receiver.count_unknown();
+            return None;
         };
+        let answer = answer(message, &mut self.filter, self.receiver.counts())?;
         // Every message fits (see the tests).
         frame::encode(&answer, &mut self.out).ok()
     }

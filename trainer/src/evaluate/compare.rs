@@ -84,7 +84,7 @@ pub struct TrackingDifference {
 pub struct Tracked {
     /// Set-points tracked.
     pub tracked: usize,
-    /// FailedStarts.
+    /// `FailedStarts`.
     pub fell: usize,
     /// All set-points with a known steady gait.
     pub possible: usize,

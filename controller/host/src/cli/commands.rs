@@ -304,7 +304,7 @@ fn policy(command: &PolicyCommand, stop: &Stop) -> Result<(), CommandError> {
             let text = format!(
                 "policy {name} ({}) in slot {}: {bytes} bytes in {took_s:.2} s; {}",
                 hex(crc32),
-                slot.to_string(),
+                slot,
                 swapped(done.swapped_after)
             );
             print(target, &json, &text)?;
@@ -324,7 +324,7 @@ fn policy(command: &PolicyCommand, stop: &Stop) -> Result<(), CommandError> {
             let text = format!(
                 "back to policy {name} ({}) in slot {}; {}",
                 hex(crc32),
-                slot.to_string(),
+                slot,
                 swapped(after)
             );
             print(target, &json, &text)?;
@@ -399,7 +399,7 @@ pub(super) fn identity_text(identity: &DeviceIdentity) -> String {
     let policy = identity.policy.as_ref().map_or_else(
         || "none; the leg stays in the safe command".into(),
         |PolicyIdentity { slot, name, crc32, .. }| {
-            format!("{name} ({}) in slot {}", hex(*crc32), slot.to_string())
+            format!("{name} ({}) in slot {}", hex(*crc32), slot)
         },
     );
     let session = identity.session.map_or_else(|| "none since power-up".into(), hex);
@@ -410,7 +410,7 @@ pub(super) fn identity_text(identity: &DeviceIdentity) -> String {
         identity.board,
         identity.firmware,
         identity.wire_version,
-        identity.mode.to_string(),
+        identity.mode,
         identity.rate_hz,
         identity.gravity_m_s2,
     )
@@ -438,5 +438,5 @@ pub(super) fn slot_text(name: Slot, slot: &SlotReport<'_>) -> String {
         Err(fault) => fault.to_string(),
     };
     let runs = if slot.running { ", runs" } else { "" };
-    format!("slot {}    {content}, sequence {}{runs}", name.to_string(), slot.sequence)
+    format!("slot {}    {content}, sequence {}{runs}", name, slot.sequence)
 }

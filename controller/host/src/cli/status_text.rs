@@ -61,7 +61,9 @@ pub(super) fn board(
         text.push_str(&slot_text(slot, report));
     }
     if let Some(slot) = run.pending {
-        text.push_str(&format!("\nnext      slot {slot}, at the next apex"));
+        text.push_str("\nnext      slot ");
+        text.push_str(&slot.to_string());
+        text.push_str(", at the next apex");
     }
     (json, text)
 }

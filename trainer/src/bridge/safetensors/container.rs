@@ -77,7 +77,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Container<'_>, String> {
         }
         let numbers = shape.iter().try_fold(1_usize, |product, &n| product.checked_mul(n));
         let size = numbers.and_then(|n| n.checked_mul(number_bytes(dtype)?));
-        if matches!(number_bytes(dtype), Some(_)) && size != Some(last - first) {
+        if number_bytes(dtype).is_some() && size != Some(last - first) {
             let found = last - first;
             return Err(format!("tensor {name:?} of {dtype} {shape:?} has {found} bytes"));
         }
