@@ -9,8 +9,9 @@
 //!    processes find each other, and links between them over iceoryx2 shared memory.
 //! 3. [`reconnect`]: a shared-memory link that survives the loss of its peer.
 //! 4. [`realtime`]: a control loop that ticks by the monotonic clock.
-//! 5. The controller process, and requests to it; [`serial`]: the client of a
-//!    flashed controller.
+//! 5. [`node_loop`], [`node_server`] and [`server`]: the control node of the
+//!    controller process, its requests and its socket. [`serial`]: the client of a
+//!    control node. [`desk`]: JSON requests to the simulator.
 //!
 //! All transports pass the conformance suite in `sim-host/tests/conformance.rs`.
 
