@@ -15,7 +15,7 @@ use tempfile::TempDir;
 pub(crate) const PROGRAM: &str = env!("CARGO_BIN_EXE_sim-host");
 const DOMAIN: &str = "test";
 /// Longest life of a process in a test.
-const LONG: Duration = Duration::from_mins(1);
+pub(crate) const LONG: Duration = Duration::from_mins(1);
 
 /// Isolates the processes of a test from all others.
 pub(crate) struct Place {

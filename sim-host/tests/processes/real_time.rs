@@ -1,9 +1,13 @@
 //! Runs in real time. The tests check states and counts and never durations, because
 //! the machine may be busy.
 
+use std::fs;
+use std::time::{Duration, Instant};
+
+use rustix::process::Signal;
 use serde_json::Value;
 
-use crate::place::{Place, text};
+use crate::place::{LONG, Place, text};
 
 fn json(text: &str) -> Value {
     serde_json::from_str(text.trim()).unwrap_or_else(|cause| panic!("{cause}: {text}"))
@@ -87,11 +91,31 @@ fn in_process_and_spawned_runs_report_both_loops() {
 
 #[test]
 fn refuses_a_real_time_and_a_lock_step_side() {
+    // The one that is there first is stopped: it would end as soon as it sees the other,
+    // perhaps before the other has seen it.
     let place = Place::new();
-    let controller = place.controller(&["--timeout", "30"]);
+    let mut controller = place.controller(&["--timeout", "30"]);
+    place.wait_for_status(|status| status["activity"] == "waiting");
+    controller.signal(Signal::STOP);
     let simulator = place.simulator(&["--real-time", "--timeout", "30"]).end();
     simulator.assert(1, &["the controller runs in lock-step", "--real-time"]);
-    controller.end().assert(1, &["the simulator runs in real time", "--real-time"]);
+    controller.signal(Signal::TERM);
+    controller.signal(Signal::CONT);
+    controller.end().assert(1, &["stopped by a signal"]);
+
+    let mut simulator = place.simulator(&["--real-time", "--timeout", "30"]);
+    let lock = place.base().join("test/leg.card");
+    let deadline = Instant::now() + LONG;
+    while !fs::read_to_string(&lock).is_ok_and(|terms| terms.contains("gravity")) {
+        assert!(Instant::now() < deadline, "the simulator has not taken its role");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    simulator.signal(Signal::STOP);
+    let controller = place.controller(&["--timeout", "30"]).end();
+    controller.assert(1, &["the simulator runs in real time", "--real-time"]);
+    simulator.signal(Signal::TERM);
+    simulator.signal(Signal::CONT);
+    simulator.end().assert(1, &["stopped by a signal"]);
     place.assert_clean();
 }
 
@@ -121,7 +145,7 @@ fn a_signal_ends_both_loops_with_their_reports() {
     let controller = place.controller(&["--real-time", "--timeout", "30"]);
     let mut simulator = place.simulator(&of_run);
     place.wait_for_the_run(None);
-    simulator.signal(rustix::process::Signal::INT);
+    simulator.signal(Signal::INT);
     let simulator = simulator.end();
     simulator.assert(1, &["stopped by a signal"]);
     assert!(simulator.out.contains("wake-up lateness"), "{}", simulator.out);
