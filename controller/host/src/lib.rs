@@ -11,17 +11,17 @@
 //! 4. [`realtime`]: a control loop that ticks by the monotonic clock.
 //! 5. [`node_loop`], [`node_server`] and [`server`]: the control node of the
 //!    controller process, its requests and its socket. [`serial`]: the client of a
-//!    control node. [`desk`]: JSON requests to the simulator.
+//!    control node. [`json_socket`]: JSON requests to the simulator.
 //!
 //! All transports pass the conformance suite in `sim-host/tests/conformance.rs`.
 
 pub mod bench;
 pub mod cli;
-pub mod desk;
 pub mod discovery;
 #[cfg(test)]
 mod fixture;
 pub mod flash;
+pub mod json_socket;
 pub mod link;
 pub mod memory;
 mod memory_store;
@@ -37,6 +37,5 @@ pub mod shm;
 pub mod socket;
 pub mod status;
 
-pub use desk::Desk;
 pub use discovery::Domain;
 pub use link::{ControllerLink, LegLink, Link, LinkError, Role, SessionParams, TimeMode};

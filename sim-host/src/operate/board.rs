@@ -1,4 +1,4 @@
-//! What the loop and the desk tell each other: single numbers, written and read
+//! What the loop and the socket tell each other: single numbers, written and read
 //! without waiting. Each is right by itself; together they may be a tick apart.
 
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering::Relaxed};

@@ -1,17 +1,17 @@
 //! A run operated from beside it: asked how it goes, given another set-point,
 //! paused, ended.
 //!
-//! The leg's desk answers in JSON over a socket, from a thread of its own; the
+//! The leg answers in JSON over a socket, from a thread of its own; the
 //! loop and it share a [`Board`] of atomic numbers, so neither waits for the
 //! other.
 
 mod board;
-mod desk;
+mod requests;
 
 use std::sync::Arc;
 
-use leg_host::desk::Desk;
 use leg_host::discovery::DomainError;
+use leg_host::json_socket::JsonSocket;
 use leg_host::realtime::LatestReport;
 use leg_host::socket::SocketError;
 use leg_host::{Domain, TimeMode};
@@ -20,7 +20,7 @@ use leg_process::Stop;
 use crate::session::{Hooks, Leg, TickRecord};
 
 pub use board::{BUCKETS, Board};
-pub use desk::{LegRequest, LegStatus};
+pub use requests::{LegRequest, LegStatus};
 
 /// Why a run cannot be operated.
 #[derive(Debug, thiserror::Error)]
@@ -29,23 +29,23 @@ pub enum OperateError {
     /// There is no such domain.
     #[error(transparent)]
     Domain(#[from] DomainError),
-    /// The desk's socket cannot be had.
+    /// The socket cannot be bound.
     #[error(transparent)]
     Socket(#[from] SocketError),
 }
 
-/// A run with a desk, hooked into its session.
+/// A run with a socket, hooked into its session.
 #[derive(Debug)]
 pub struct Operated {
     board: Arc<Board>,
     /// Orders that the leg has.
     known: u32,
     stop: Stop,
-    _desk: Desk,
+    _socket: JsonSocket,
 }
 
 impl Operated {
-    /// Opens the leg's desk in the domain of this name; this process must play
+    /// Opens the leg's socket in the domain of this name; this process must play
     /// the leg there. `timing` gives the loop's own figures, when it has some.
     ///
     /// # Errors
@@ -58,8 +58,8 @@ impl Operated {
         timing: Option<LatestReport>,
     ) -> Result<Self, OperateError> {
         let board = Arc::new(Board::default());
-        let desk = desk::open(&Domain::join(domain)?, &board, rate_hz, pace, timing)?;
-        Ok(Self { board, known: 0, stop: stop.clone(), _desk: desk })
+        let socket = requests::open(&Domain::join(domain)?, &board, rate_hz, pace, timing)?;
+        Ok(Self { board, known: 0, stop: stop.clone(), _socket: socket })
     }
 }
 

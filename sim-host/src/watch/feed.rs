@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use leg_host::Role;
 use leg_host::cli::target::process_status;
-use leg_host::desk;
+use leg_host::json_socket;
 use leg_host::shm::{ConnectError, Observer, Participants};
 use leg_host::status::Status;
 
@@ -146,7 +146,7 @@ fn request_leg(
     request: &LegRequest,
     answers: &Sender<Answer>,
 ) -> Option<Box<LegStatus>> {
-    match desk::ask(domain, Role::Leg, request, TIMEOUT) {
+    match json_socket::ask(domain, Role::Leg, request, TIMEOUT) {
         Ok(status) => Some(Box::new(status)),
         Err(error) => {
             if *request != LegRequest::Status {

@@ -1,10 +1,8 @@
-//! The desk of a running process: questions and orders from beside the loop.
+//! JSON requests to a running process, beside its loop: what the simulator answers.
 //!
-//! Each player of a [`Role`] may keep a unix socket in its domain's folder. A
-//! caller writes one request, a line of JSON, and reads one answer, a line of
-//! JSON; then both hang up. A thread of the desk's own serves one caller after
-//! the other, so that the loop never sees them: what an answer needs of the
-//! loop, and what an order brings to it, goes through wait-free cells.
+//! A process may keep a unix socket in its domain's folder. A caller writes one request, a line of JSON, and reads one answer, a line of
+//! JSON; then both hang up. A thread of its own serves one caller after the
+//! other, so the loop takes no part.
 //!
 //! The requests are the business of each program.
 
@@ -31,7 +29,7 @@ use super::socket::{SocketError, SocketFile};
 pub const MAX_LINE: usize = 4 << 20;
 /// Within this time a caller has asked and has read the answer, or is hung up on.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// Between two looks whether the desk closes.
+/// Between two looks whether the socket closes.
 const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
 
 /// What goes back over the socket: the answer, or why there is none.
@@ -100,12 +98,12 @@ pub enum AskError {
 
 /// Where the player of `role` is asked.
 fn path(root: &Path, role: Role) -> PathBuf {
-    root.join(format!("{}.desk", role.as_str()))
+    root.join(format!("{}.sock", role.as_str()))
 }
 
-/// An open desk; closes when dropped.
+/// An open socket; it closes when dropped.
 #[derive(Debug)]
-pub struct Desk {
+pub struct JsonSocket {
     end: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
     file: Option<SocketFile>,
@@ -113,10 +111,10 @@ pub struct Desk {
     _domain: Arc<Domain>,
 }
 
-impl Desk {
-    /// Opens the desk of `role`, which this process plays, in place of one that
+impl JsonSocket {
+    /// Opens the socket of `role`, which this process plays, in place of one that
     /// a killed predecessor left. `answer` hears every request that can be
-    /// read, on a thread of the desk's own; an `Err` of it goes to the asker,
+    /// read, on a thread of its own; an `Err` of it goes to the asker,
     /// as [`AskError::Refused`].
     ///
     /// # Errors
@@ -138,14 +136,14 @@ impl Desk {
             serde_json::to_value(answer(request)?).map_err(|cause| cause.to_string())
         };
         let thread = std::thread::Builder::new()
-            .name("desk".into())
+            .name("json socket".into())
             .spawn(move || serve(&listener, &ends, answer))
             .map_err(failed)?;
         Ok(Self { end, thread: Some(thread), file: Some(file), _domain: Arc::clone(domain) })
     }
 }
 
-impl Drop for Desk {
+impl Drop for JsonSocket {
     fn drop(&mut self) {
         // While somebody listens there nobody else does: it is ours that is removed.
         drop(self.file.take());

@@ -1,9 +1,9 @@
-//! The leg's desk.
+//! JSON requests to the leg, and its status.
 
 use std::sync::Arc;
 
 use leg_control::guard::Limits;
-use leg_host::desk::Desk;
+use leg_host::json_socket::JsonSocket;
 use leg_host::realtime::{LatestReport, LoopReport};
 use leg_host::socket::SocketError;
 use leg_host::{Domain, Role, TimeMode};
@@ -72,7 +72,7 @@ pub struct LegStatus {
     pub timing: Option<LoopReport>,
 }
 
-/// Opens the leg's desk in `domain`, over what is on `board`. `timing` gives
+/// Opens the leg's socket in `domain`, over what is on `board`. `timing` gives
 /// the loop's own figures, when it has some.
 ///
 /// # Errors
@@ -83,9 +83,9 @@ pub(super) fn open(
     rate_hz: u32,
     pace: TimeMode,
     timing: Option<LatestReport>,
-) -> Result<Desk, SocketError> {
+) -> Result<JsonSocket, SocketError> {
     let board = Arc::clone(board);
-    Desk::open(domain, Role::Leg, move |request: LegRequest| {
+    JsonSocket::open(domain, Role::Leg, move |request: LegRequest| {
         obey(&board, pace, &request)?;
         Ok(status(&board, rate_hz, pace, timing.as_ref().map(LatestReport::get)))
     })

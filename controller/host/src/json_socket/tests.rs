@@ -14,8 +14,8 @@ fn domain(dir: &tempfile::TempDir) -> Arc<Domain> {
     Domain::join_in(&dir.path().join("base"), "d").unwrap()
 }
 
-fn desk(domain: &Arc<Domain>) -> Desk {
-    Desk::open(domain, Role::Controller, |request: Request| match request {
+fn open_socket(domain: &Arc<Domain>) -> JsonSocket {
+    JsonSocket::open(domain, Role::Controller, |request: Request| match request {
         Request::Swap { file, blob } => Ok(format!("{file}: {}", blob.len())),
         _ => Err("not today".to_owned()),
     })
@@ -39,7 +39,7 @@ fn raw(domain: &Arc<Domain>, bytes: &[u8]) -> String {
 fn a_question_is_answered_or_refused_in_words() {
     let dir = tempfile::tempdir().unwrap();
     let domain = domain(&dir);
-    let open = desk(&domain);
+    let open = open_socket(&domain);
     let blob = "x".repeat(1 << 20);
     let swap = Request::Swap { file: "a.bin".into(), blob };
     assert_eq!(asked(&domain, &swap).unwrap(), "a.bin: 1048576");
@@ -56,7 +56,7 @@ fn a_question_is_answered_or_refused_in_words() {
 fn what_is_no_request_is_said_to_be_none_and_the_next_is_served() {
     let dir = tempfile::tempdir().unwrap();
     let domain = domain(&dir);
-    let _open = desk(&domain);
+    let _open = open_socket(&domain);
     for (bytes, part) in [
         (&b"\n"[..], "no request"),
         (b"{\"request\":\"fly\"}\n", "unknown variant `fly`"),
@@ -77,13 +77,13 @@ fn what_is_no_request_is_said_to_be_none_and_the_next_is_served() {
 }
 
 #[test]
-fn a_dead_ones_desk_is_replaced_and_a_silent_one_is_told() {
+fn a_dead_ones_socket_is_replaced_and_a_silent_one_is_told() {
     let dir = tempfile::tempdir().unwrap();
     let domain = domain(&dir);
     drop(UnixListener::bind(path(domain.root(), Role::Controller)).unwrap());
     let nobody = asked(&domain, &Request::Status);
     assert!(matches!(nobody, Err(AskError::Nobody { .. })), "{nobody:?}");
-    let open = desk(&domain);
+    let open = open_socket(&domain);
     assert!(matches!(asked(&domain, &Request::Status), Err(AskError::Refused(_))));
     drop(open);
 
