@@ -16,6 +16,7 @@ const ALLOWED: [(&str, &[&str]); 4] = [
             "crc",
             "defmt",
             "embedded-io",
+            "embedded-storage",
             "heapless",
             "leg-kernel-m4f",
             "libm",
