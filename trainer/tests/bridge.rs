@@ -242,10 +242,7 @@ fn the_commands_export_and_import_a_policy() {
             "lowest action[0]: 2.9",
         ),
         ("import --safetensors f.safetensors --action-low -1,0 --out q.bin", "clip of the angle"),
-        (
-            "import --safetensors f.safetensors --layers mu.0 --out q.bin",
-            "--layers: mu.0 (3 to 50)",
-        ),
+        ("import --safetensors f.safetensors --layers mu.0 --out q.bin", "layers: mu.0 (3 to 50)"),
         ("import --safetensors f.safetensors --ki 1e9 --out q.bin", "gains within"),
         ("export --policy f.safetensors --to c x.c", "is not a valid policy"),
         ("export --policy p.bin --to torch x", "invalid value 'torch'"),

@@ -100,7 +100,7 @@ fn the_exported_c_computes_the_controllers_bits() {
 /// Uses one layer that passes an observation's numbers to tanh, so that every branch of tanh is
 /// covered.
 #[test]
-fn the_translated_tanh_is_libms_on_every_branch() {
+fn the_exported_tanh_equals_libms_on_every_branch() {
     if !requirements::gcc() {
         return;
     }

@@ -15,9 +15,9 @@ const TRANSFER: &[&str] = &[
     "--preset",
     "water-to-air",
     "--set",
-    "stages.0.length.episodes=350",
+    "stages.0.length.episodes=800",
     "--episodes",
-    "350",
+    "800",
     "--seed",
     "1",
 ];
@@ -153,7 +153,7 @@ fn a_killed_robust_training_ends_with_the_same_policy_and_log() {
 
 /// Covers a kill between writing the policy and removing the checkpoint, in every order.
 #[test]
-fn what_was_left_to_do_at_the_end_is_done() {
+fn a_kill_after_the_policy_is_written_loses_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
     let arguments = ["--preset", "water", "--episodes", "600", "--seed", "1"];
@@ -202,7 +202,7 @@ fn refuses_a_checkpoint_that_cannot_be_used() {
     newer[8] = 9;
     for (bytes, message) in [
         (&flipped[..], "p.bin.checkpoint: a corrupt checkpoint: its checksum is"),
-        (&good[..good.len() - 1], "not a whole checkpoint"),
+        (&good[..good.len() - 1], "not a complete checkpoint"),
         (&good[..5], "not a complete checkpoint: it has 5 bytes"),
         (&newer, "a checkpoint of version 9; this trainer reads 1"),
         (b"episode,stage,total_steps", "not the checkpoint of a training"),

@@ -29,7 +29,7 @@ fn the_shipped_policy_reaches_the_goals() {
 /// as backwards for mirrored velocities.
 /// the leg forwards as far as backwards for the velocities of a mirror image.
 #[test]
-fn the_shipped_policy_does_not_know_forwards_from_backwards() {
+fn the_shipped_policy_is_mirror_symmetric() {
     let policy = Policy::parse(SHIPPED).unwrap();
     let act = |apex_vx_m_s, apex_y_m, density_ratio| {
         let action = policy.actor().act(Observation { apex_vx_m_s, apex_y_m, density_ratio });

@@ -216,9 +216,9 @@ fn refuses_damaged_tensors() {
         let error = of_weights(weights, None).unwrap_err();
         assert!(error.contains("node Gemm") && error.contains(expected), "{error}");
     };
-    refused(&|t| t.dims = vec![i64::MAX, 3], "at most 16384 numbers");
-    refused(&|t| t.dims = vec![1 << 32, 1 << 32], "at most 16384 numbers");
-    refused(&|t| t.dims = vec![-2, -3], "at most 16384 numbers");
+    refused(&|t| t.dims = vec![i64::MAX, 3], "at most 16384 values");
+    refused(&|t| t.dims = vec![1 << 32, 1 << 32], "at most 16384 values");
+    refused(&|t| t.dims = vec![-2, -3], "at most 16384 values");
     refused(&|t| t.dims = vec![0, 3], "6 values where its shape [0, 3] has 0");
     refused(&|t| t.dims = vec![6], "expected a matrix");
     refused(&|t| t.float_data[4] = f32::NAN, "value 4 is NaN");
