@@ -76,7 +76,7 @@ impl Config {
         if !RATE_HZ.contains(&rate_hz) {
             return Err(ConfigError::Rate(rate_hz));
         }
-        let tick_ns = 1_000_000_000 / u64::from(rate_hz);
+        let tick_ns = u64::from(1_000_000_000 / rate_hz);
         let usual = Limits::default();
         let limits = Limits { max_gap_ns: usual.max_gap_ns.max(4 * tick_ns), ..usual };
         Ok(Self { tick_ns, limits, ..Self::default() })

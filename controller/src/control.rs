@@ -134,36 +134,51 @@ impl<'a> Controller<'a> {
             Some(measurement) => self.guard.limits().check(measurement),
             None => Err(Reject::Missing),
         };
-        self.step_checked(checked, set_point_m_s)
+        let (status, rejected) = self.step_checked(checked, set_point_m_s);
+        Output { command: self.command, status, rejected, telemetry: self.telemetry }
     }
 
     /// Runs one tick as [`Self::step`] does, with a measurement whose values have been
     /// checked by [`Limits::check`], or the reason why there is none: for adapters of a
-    /// message format, which reject messages for reasons of their own.
+    /// message format, which reject messages for reasons of their own. Returns the status,
+    /// and why the measurement was not used; [`Self::command`] and [`Self::telemetry`]
+    /// return the rest, which is then not copied.
     pub fn step_checked(
         &mut self,
         measurement: Result<InRange<'_>, Reject>,
         set_point_m_s: f32,
-    ) -> Output {
+    ) -> (Status, Option<Reject>) {
         self.take_set_point(set_point_m_s);
         match self.guard.judge(measurement) {
-            Verdict::Use(measurement) => self.advance(measurement),
+            Verdict::Use(measurement) => (self.advance(measurement), None),
             Verdict::Restart(measurement) => {
                 self.take_next();
                 self.forget();
-                self.advance(measurement)
+                (self.advance(measurement), None)
             }
             Verdict::Coast(reject) => {
                 self.coast();
-                self.output(Status::Coasting, Some(reject))
+                (self.checked(Status::Coasting), Some(reject))
             }
             Verdict::Safe(reject) => {
                 self.take_next();
                 self.gait = Self::gait(&self.policy);
                 self.command = LegCommand::SAFE;
-                self.output(Status::Safe, reject)
+                (Status::Safe, reject)
             }
         }
+    }
+
+    /// Returns what the leg does until the next tick. Always finite and in range.
+    #[must_use]
+    pub fn command(&self) -> &LegCommand {
+        &self.command
+    }
+
+    /// Returns what was found out at the last apex.
+    #[must_use]
+    pub fn telemetry(&self) -> &Telemetry {
+        &self.telemetry
     }
 
     fn gait(policy: &Policy<'_>) -> Gait {
@@ -197,7 +212,7 @@ impl<'a> Controller<'a> {
         }
     }
 
-    fn advance(&mut self, measurement: Trusted<'_>) -> Output {
+    fn advance(&mut self, measurement: Trusted<'_>) -> Status {
         let passed = self.gait.update(measurement);
         let m = measurement.measurement();
         if self.gait.in_flight() {
@@ -209,7 +224,7 @@ impl<'a> Controller<'a> {
             self.decide(apex, m.density_ratio);
         }
         self.command = self.gait.command();
-        self.output(Status::Running, None)
+        self.checked(Status::Running)
     }
 
     /// Returns the apex that a leg in mid-air without an action yet falls from.
@@ -251,13 +266,14 @@ impl<'a> Controller<'a> {
         self.command.elongation_m = if grown_m < limit_m { grown_m } else { limit_m };
     }
 
-    /// Returns the command in force, or the safe one when there is no action to follow or
-    /// the command does not pass its last check.
-    fn output(&self, status: Status, rejected: Option<Reject>) -> Output {
-        let is_good = self.gait.has_action() && self.command.is_valid();
-        let (command, status) =
-            if is_good { (self.command, status) } else { (LegCommand::SAFE, Status::Safe) };
-        Output { command, status, rejected, telemetry: self.telemetry }
+    /// Returns the status, after the last check of the command: it becomes the safe one
+    /// when there is no action to follow, or when a value is not finite or out of range.
+    fn checked(&mut self, status: Status) -> Status {
+        if self.gait.has_action() && self.command.is_valid() {
+            return status;
+        }
+        self.command = LegCommand::SAFE;
+        Status::Safe
     }
 }
 

@@ -8,7 +8,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::command::{LegCommand, Output};
+use crate::command::{LegCommand, Status, Telemetry};
 use crate::guard::Counts;
 use crate::measurement::{Contact, Measurement};
 use serde::{Deserialize, Serialize};
@@ -170,17 +170,21 @@ pub struct Command {
 }
 
 impl Command {
-    /// Returns the message of what the controller returned for the sample with this header.
+    /// Returns the message of what the controller computed for the sample with this header.
     #[must_use]
-    pub fn new(header: &Header, output: &Output, counts: &Counts) -> Self {
-        let LegCommand { leg_angle_rad, elongation_m, elongation_rate_m_s } = output.command;
-        let telemetry = &output.telemetry;
-        let flags = if output.status.is_safe() { flags::SAFE } else { 0 };
+    pub fn new(
+        header: &Header,
+        command: &LegCommand,
+        status: Status,
+        telemetry: &Telemetry,
+        counts: &Counts,
+    ) -> Self {
+        let flags = if status.is_safe() { flags::SAFE } else { 0 };
         Self {
             header: Header { version: WIRE_VERSION, flags, ..*header },
-            leg_angle_rad,
-            elongation_m,
-            elongation_rate_m_s,
+            leg_angle_rad: command.leg_angle_rad,
+            elongation_m: command.elongation_m,
+            elongation_rate_m_s: command.elongation_rate_m_s,
             apex_vx_m_s: telemetry.apex_vx_m_s,
             apex_y_m: telemetry.apex_y_m,
             density_ratio: telemetry.density_ratio.unwrap_or(0.0),

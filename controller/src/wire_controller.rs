@@ -1,6 +1,6 @@
 //! The control law behind the messages of [`crate::wire`].
 
-use crate::command::Output;
+use crate::command::Status;
 use crate::config::Config;
 use crate::control::Controller;
 use crate::guard::{Counts, Reject};
@@ -76,52 +76,40 @@ impl<'a> WireController<'a> {
             self.header = sample.header;
         }
         let set_point_m_s = set_point_m_s.unwrap_or(self.controller.set_point_m_s());
-        let output = self.step(sample, set_point_m_s);
-        self.command(&output)
+        let status = self.step(sample, set_point_m_s);
+        let controller = &self.controller;
+        Command::new(
+            &self.header,
+            controller.command(),
+            status,
+            controller.telemetry(),
+            controller.counts(),
+        )
     }
 
-    fn step(&mut self, sample: Option<&Sample>, set_point_m_s: f32) -> Output {
-        let Some(sample) = sample else {
-            return self.reject(Reject::Missing, set_point_m_s);
+    fn step(&mut self, sample: Option<&Sample>, set_point_m_s: f32) -> Status {
+        let measurement = sample.and_then(Sample::measurement);
+        let checked = match (sample, &measurement) {
+            (None, _) => Err(Reject::Missing),
+            (Some(sample), _) if sample.header.version != WIRE_VERSION => Err(Reject::Version),
+            (Some(_), None) => Err(Reject::NoContactSense),
+            (Some(sample), Some(measurement)) => {
+                let in_range = self.controller.limits().check(measurement);
+                in_range.and_then(|m| self.order.check(&sample.header).map(|()| m))
+            }
         };
-        if sample.header.version != WIRE_VERSION {
-            return self.reject(Reject::Version, set_point_m_s);
-        }
-        let Some(measurement) = sample.measurement() else {
-            return self.reject(Reject::NoContactSense, set_point_m_s);
-        };
-        let in_range = match self.controller.limits().check(&measurement) {
-            Ok(in_range) => in_range,
-            Err(reject) => return self.reject(reject, set_point_m_s),
-        };
-        if let Err(reject) = self.order.check(&sample.header) {
-            return self.reject(reject, set_point_m_s);
-        }
-        if self.order.begins_run(&sample.header) {
+        let good = sample.filter(|_| checked.is_ok());
+        if good.is_some_and(|sample| self.order.begins_run(&sample.header)) {
             self.controller.begin_run();
         }
-        let output = self.controller.step_checked(Ok(in_range), set_point_m_s);
-        if output.rejected.is_none() {
-            self.order.accept(&sample.header);
-        } else if output.status.is_safe() {
-            self.order.forget();
+        // Called once, so that an image has the law once.
+        let (status, rejected) = self.controller.step_checked(checked, set_point_m_s);
+        match good {
+            Some(sample) if rejected.is_none() => self.order.accept(&sample.header),
+            _ if status.is_safe() => self.order.forget(),
+            _ => (),
         }
-        output
-    }
-
-    /// Apart, so that an image has the law twice at most.
-    #[inline(never)]
-    fn reject(&mut self, reject: Reject, set_point_m_s: f32) -> Output {
-        let output = self.controller.step_checked(Err(reject), set_point_m_s);
-        if output.status.is_safe() {
-            self.order.forget();
-        }
-        output
-    }
-
-    fn command(&self, output: &Output) -> Command {
-        let counts = self.controller.counts();
-        Command::new(&self.header, output, counts)
+        status
     }
 }
 
