@@ -50,7 +50,7 @@ impl core::fmt::Display for ConfigError {
             Self::Gravity(g) => write!(f, "gravity {g} m/s2: it must be finite and above 0"),
             Self::Limits => f.write_str(
                 "limits: each range must be finite, not empty and within 1e6, heights 0 or more, \
-                 and the longest gap above 0 ns",
+                 and the longest gap from 1 ns to 1 s",
             ),
         }
     }

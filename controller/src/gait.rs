@@ -224,7 +224,8 @@ impl Gait {
             None => (foot_to_mass(self.rest_length_m, UPRIGHT_RAD), 0.0),
         };
         self.phase = Phase::Stance {
-            touchdown_ns: now.t_ns.saturating_sub((1e9 * since_s) as u64),
+            // At most the longest gap, 1 s: 32 bits are enough, and need no software.
+            touchdown_ns: now.t_ns.saturating_sub(u64::from((1e9 * since_s) as u32)),
             elongation_speed_m_s,
             from_foot_m: touchdown.x + now.vx_m_s * since_s,
         };

@@ -30,6 +30,9 @@ pub const fn safe_after_ticks(tick_ns: u64) -> u32 {
     if ticks > FEWEST_SAFE_AFTER_TICKS { ticks } else { FEWEST_SAFE_AFTER_TICKS }
 }
 
+/// Largest [`Limits::max_gap_ns`], ns.
+const MAX_GAP_NS: u64 = 1_000_000_000;
+
 /// What a measurement must satisfy.
 ///
 /// The defaults leave room around a human-size leg: it lands at 15 m/s from the highest
@@ -44,7 +47,7 @@ pub struct Limits {
     pub leg_length_m: [f32; 2],
     /// Lowest and highest measured density ratio.
     pub density_ratio: [f32; 2],
-    /// Longest time between two measurements, ns.
+    /// Longest time between two measurements, ns; at most 1 s.
     pub max_gap_ns: u64,
     /// Good measurements in a row that end the safe state.
     pub recover_after_ticks: u32,
@@ -73,7 +76,7 @@ impl Limits {
         is_range([-self.max_speed_m_s, self.max_speed_m_s])
             && [self.height_m, self.leg_length_m, self.density_ratio].into_iter().all(is_range)
             && self.height_m[0] >= 0.0
-            && self.max_gap_ns > 0
+            && (1..=MAX_GAP_NS).contains(&self.max_gap_ns)
     }
 
     /// Checks the values of a measurement by themselves.

@@ -96,17 +96,3 @@ fn the_report_shows_every_figure_and_the_browser_logs_nothing() {
         assert!(!html.contains(reference), "the page has a {reference}");
     }
 }
-
-#[test]
-fn rejects_a_figure_that_does_not_exist_and_writes_nothing() {
-    let folder = tempfile::tempdir().unwrap();
-    let output = harness::program("paper-figures")
-        .args(["--only", "3,2", "--out"])
-        .arg(folder.path().join("out"))
-        .output()
-        .expect("the program runs");
-    let message = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(2), "{message}");
-    assert!(message.contains("--only 2") && message.contains("3, 4, 5"), "{message}");
-    assert!(!folder.path().join("out").exists(), "nothing is written");
-}

@@ -37,8 +37,7 @@ use leg_control::serial::slots::FlashSlots;
 use node::NODE;
 use slots::PolicyFlash;
 
-const DEVICE: DeviceInfo =
-    DeviceInfo { name: Selected::NAME, firmware: env!("CARGO_PKG_VERSION") };
+const DEVICE: DeviceInfo = DeviceInfo { name: Selected::NAME, firmware: env!("CARGO_PKG_VERSION") };
 
 #[entry]
 fn main() -> ! {

@@ -120,7 +120,9 @@ fn limits_that_nothing_can_satisfy_are_not_valid() {
     }
     assert!(!Limits { height_m: [2.0, 1.0], ..Limits::default() }.are_valid());
     assert!(!Limits { height_m: [-1.0, 1.0], ..Limits::default() }.are_valid());
-    assert!(!Limits { max_gap_ns: 0, ..Limits::default() }.are_valid());
+    for max_gap_ns in [0, 1_000_000_001] {
+        assert!(!Limits { max_gap_ns, ..Limits::default() }.are_valid(), "{max_gap_ns} ns");
+    }
 }
 
 /// Values at and around the limits, zeros of both signs, subnormals, and any bits.

@@ -39,7 +39,7 @@ struct Asking {
     sending: Duration,
 }
 
-/// DeviceIdentityse request the line is busy with.
+/// The client whose request the line is busy with.
 #[derive(Debug)]
 enum Errand {
     /// Ours: is the controller in our run?

@@ -76,7 +76,7 @@ impl fmt::Display for Notice {
                 "warning: the controller was reset in the middle of the run; it goes on from its \
                  safe state, without what it had learnt",
             ),
-            Self::Alarm(alarm) => write!(f, "warning: the controller: {}", alarm),
+            Self::Alarm(alarm) => write!(f, "warning: the controller: {alarm}"),
             Self::NoPolicy => f.write_str(
                 "warning: the controller has no policy and answers by the safe command; bring one \
                  by `controller policy upload`",
@@ -90,7 +90,7 @@ impl fmt::Display for Notice {
     }
 }
 
-/// DeviceIdentity hears the notices.
+/// What receives the notices of the bridge.
 pub type Tell = Box<dyn FnMut(&Notice)>;
 
 /// The controller, and how to reach it.

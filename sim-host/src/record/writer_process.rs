@@ -37,8 +37,8 @@ pub(super) fn part(path: &Path) -> PathBuf {
     name.into()
 }
 
-/// Writes the frames from stdin to the file at `path`. Prints [`READY`], then
-/// [`DONE`] or [`FAILED`], on stdout.
+/// Writes the frames from stdin to the file at `path`. Prints `READY`, then
+/// `DONE` or `FAILED`, on stdout.
 #[must_use]
 pub fn main(path: &Path) -> ExitCode {
     let report = |line: &str| {

@@ -5,8 +5,8 @@
 
 mod image;
 
-use leg_control::actor::{ActionScaling, Actor, ObservationScaling, Widths, packed_len};
 use cortex_m_rt::entry;
+use leg_control::actor::{ActionScaling, Actor, ObservationScaling, Widths, packed_len};
 
 /// Widths of hidden layers: full panels, narrow ones and both, groups of columns
 /// and what is left of them, one layer to three, the widest.

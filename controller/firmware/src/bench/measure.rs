@@ -6,13 +6,13 @@
 
 mod image;
 
-use leg_control::actor::{Action, Actor, Observation};
-use leg_control::config::Config;
-use leg_control::wire_controller::WireController;
-use leg_control::policy::{ParseError, Policy, SHIPPED};
-use leg_control::wire::{Command, Header, Sample, WIRE_VERSION, flags};
 use core::hint::black_box;
 use cortex_m_rt::entry;
+use leg_control::actor::{Action, Actor, Observation};
+use leg_control::config::Config;
+use leg_control::policy::{ParseError, Policy, SHIPPED};
+use leg_control::wire::{Command, Header, Sample, WIRE_VERSION, flags};
+use leg_control::wire_controller::WireController;
 
 /// Exit status: the shipped policy is refused.
 const NO_POLICY: i32 = 2;

@@ -13,7 +13,6 @@ pub(crate) use stm32f405::Stm32f405 as Selected;
 
 use crate::slots::FlashError;
 
-
 /// A board: clocks, a UART, a tick, and an end.
 ///
 /// The UART's interrupt hands what comes to [`crate::line::received`] and sends
