@@ -1,68 +1,67 @@
-//! Samples to the controller, commands to the simulator, and others' requests
-//! in between.
+//! Forwards samples to the controller, commands to the simulator, and clients' requests in
+//! between.
 
 use std::time::{Duration, Instant};
 
 use leg_control::serial::message::{Alarm, Mode, Reply, Request};
 use leg_control::wire::{Command, Sample, flags};
 use leg_host::serial::client::REQUEST_PATIENCE;
-use leg_host::serial::{ClientError, DeviceIdentity, Heard};
+use leg_host::serial::{ClientError, DeviceIdentity, Received};
 use leg_host::serve::ServeError;
 use leg_host::shm::ShmController;
 use leg_host::{Link, LinkError};
 
 use super::BridgeError;
+use super::device::{Device, Notice};
 use super::report::{Report, Times};
-use super::share::{Asked, Share};
-use super::target::{Notice, Target};
+use super::request_mux::{ClientRequest, RequestMux};
 
-/// Lock-step: longest wait at the line while an answer is due. After so long
-/// without one it is time to look whether the simulator still lives.
+/// Lock-step: longest wait for an answer on the line before the simulator is checked.
 const LINE_WAIT: Duration = Duration::from_millis(20);
-/// Live: longest wait at the line before looking for a newer sample.
+/// Live: longest wait on the line before a newer sample is looked for.
 const LIVE_WAIT: Duration = Duration::from_micros(200);
-/// Waits for the simulator: the first, and the longest, when it does something else.
+/// Shortest and longest wait for the simulator.
 const LEG_WAIT: Duration = Duration::from_millis(1);
 const LEG_WAIT_MAX: Duration = Duration::from_millis(16);
-/// A controller that was reset answers by the safe command: the first one is
-/// held until it has said that it is in our run, and then one in so many.
+/// A controller that was reset answers with the safe command. The first safe command is held
+/// until the controller has confirmed the session, and later one in so many.
 const CHECK_EVERY: u32 = 256;
 
-/// A sample on its way.
+/// A sample that has not been answered.
 #[derive(Clone, Copy, Debug)]
-struct Asking {
+struct InFlight {
     seq: u32,
     sample: Sample,
-    /// When it came from the simulator.
-    came: Instant,
+    /// When it arrived from the simulator.
+    arrived: Instant,
     /// How long it took to be sent.
     sending: Duration,
 }
 
-/// The client whose request the line is busy with.
+/// The request that waits for its reply.
 #[derive(Debug)]
-enum Errand {
-    /// Ours: is the controller in our run?
-    Check,
-    /// Somebody else's.
-    Other(Asked),
+enum PendingRequest {
+    /// The bridge's own: is the controller still in this session?
+    SessionCheck,
+    /// A client's.
+    Client(ClientRequest),
 }
 
 /// Everything between the simulator's link and the line.
 pub(super) struct Forwarder {
-    target: Target,
-    share: Option<Share>,
+    device: Device,
+    share: Option<RequestMux>,
     mode: Mode,
     timeout: Duration,
     seq: u32,
-    asking: Option<Asking>,
-    /// A safe command that waits for the check.
-    held: Option<Command>,
+    in_flight: Option<InFlight>,
+    /// A safe command that waits for the session check.
+    held_command: Option<Command>,
     safe_in_a_row: u32,
-    errand: Option<Errand>,
-    /// When the controller was last heard, and the simulator last looked for.
-    last_life: Instant,
-    last_look: Instant,
+    pending: Option<PendingRequest>,
+    /// When something last came from the controller, and when the simulator was last checked.
+    last_received: Instant,
+    last_peer_check: Instant,
     begun: Instant,
     ticks: u64,
     times: Times,
@@ -71,19 +70,24 @@ pub(super) struct Forwarder {
 }
 
 impl Forwarder {
-    pub(super) fn new(target: Target, share: Option<Share>, mode: Mode, timeout: Duration) -> Self {
+    pub(super) fn new(
+        device: Device,
+        share: Option<RequestMux>,
+        mode: Mode,
+        timeout: Duration,
+    ) -> Self {
         Self {
-            target,
+            device,
             share,
             mode,
             timeout,
             seq: 0,
-            asking: None,
-            held: None,
+            in_flight: None,
+            held_command: None,
             safe_in_a_row: 0,
-            errand: None,
-            last_life: Instant::now(),
-            last_look: Instant::now(),
+            pending: None,
+            last_received: Instant::now(),
+            last_peer_check: Instant::now(),
             begun: Instant::now(),
             ticks: 0,
             times: Times::default(),
@@ -93,52 +97,52 @@ impl Forwarder {
     }
 
     pub(super) fn notice(&mut self, notice: &Notice) {
-        self.target.notice(notice);
+        self.device.notice(notice);
     }
 
-    /// While there is no simulator yet: others' requests, and what else comes.
+    /// Serves clients' requests while there is no simulator.
     pub(super) fn serve_others(&mut self) -> Result<(), BridgeError> {
-        self.run_errands();
-        match self.target.client.listen(Duration::ZERO) {
-            Ok(heard) => self.note(heard).map(|_| ()),
+        self.send_next_request();
+        match self.device.client.listen(Duration::ZERO) {
+            Ok(received) => self.handle(received).map(|_| ()),
             Err(cause) => self.recover(cause, || Ok(())),
         }
     }
 
-    /// Until the simulator says that its run is over.
+    /// Forwards until the simulator ends its run.
     pub(super) fn play(&mut self, link: &mut ShmController) -> Result<(), BridgeError> {
         self.begun = Instant::now();
-        (self.last_life, self.last_look) = (self.begun, self.begun);
+        (self.last_received, self.last_peer_check) = (self.begun, self.begun);
         self.compare_legs(link);
-        let (mut leg_wait, mut leg_life) = (LEG_WAIT, self.begun);
+        let (mut leg_wait, mut leg_received) = (LEG_WAIT, self.begun);
         loop {
-            if self.asking.is_none() || self.mode == Mode::Live {
+            if self.in_flight.is_none() || self.mode == Mode::Live {
                 // Live, the line does not wait for the leg.
                 let wait = if self.mode == Mode::Live { Duration::ZERO } else { leg_wait };
                 if let Some(sample) = link.receive(wait).map_err(|cause| self.broken(cause))? {
-                    let came = Instant::now();
-                    (leg_wait, leg_life) = (LEG_WAIT, came);
+                    let arrived = Instant::now();
+                    (leg_wait, leg_received) = (LEG_WAIT, arrived);
                     if sample.ends_the_run() {
                         return Ok(());
                     }
-                    self.ask(&sample, came);
-                } else if self.asking.is_none() {
-                    let is_busy = self.errand.is_some();
+                    self.send_sample(&sample, arrived);
+                } else if self.in_flight.is_none() {
+                    let is_busy = self.pending.is_some();
                     leg_wait = if is_busy { LEG_WAIT } else { LEG_WAIT_MAX.min(leg_wait * 2) };
-                    self.look_at_peer(link)?;
-                    if leg_life.elapsed() >= self.timeout {
+                    self.check_peer(link)?;
+                    if leg_received.elapsed() >= self.timeout {
                         let waited_s = self.timeout.as_secs_f64();
                         return Err(ServeError::Silent { ticks: self.ticks, waited_s }.into());
                     }
                 }
             }
-            self.attend_to_line(link)?;
+            self.poll_line(link)?;
         }
     }
 
-    /// A policy may well be tried on a leg that it was not trained for.
+    /// Warns if the policy was trained for another leg; that is allowed.
     fn compare_legs(&mut self, link: &ShmController) {
-        if let (Some(policy), Some(played)) = (&self.target.who.policy, link.peer_leg())
+        if let (Some(policy), Some(played)) = (&self.device.identity.policy, link.peer_leg())
             && policy.leg != played
         {
             let name = policy.name.clone();
@@ -146,10 +150,10 @@ impl Forwarder {
         }
     }
 
-    /// Off the control path, and now and then: whether the simulator lives.
-    fn look_at_peer(&mut self, link: &ShmController) -> Result<(), BridgeError> {
-        if self.last_look.elapsed() >= LINE_WAIT {
-            self.last_look = Instant::now();
+    /// Checks now and then, off the control path, that the simulator lives.
+    fn check_peer(&mut self, link: &ShmController) -> Result<(), BridgeError> {
+        if self.last_peer_check.elapsed() >= LINE_WAIT {
+            self.last_peer_check = Instant::now();
             link.check_peer().map_err(|cause| self.broken(cause))?;
         }
         Ok(())
@@ -159,54 +163,54 @@ impl Forwarder {
         ServeError::Link { ticks: self.ticks, cause }.into()
     }
 
-    /// Sends a sample, in place of one that is unanswered (live).
-    fn ask(&mut self, sample: &Sample, came: Instant) {
-        if self.asking.is_none() {
-            self.last_life = came;
+    /// Sends a sample; in live mode it replaces one that is unanswered.
+    fn send_sample(&mut self, sample: &Sample, arrived: Instant) {
+        if self.in_flight.is_none() {
+            self.last_received = arrived;
         }
         self.seq = self.seq.wrapping_add(1);
         let (seq, sample) = (self.seq, *sample);
-        self.target.client.post_sample(seq, &sample);
-        self.asking = Some(Asking { seq, sample, came, sending: came.elapsed() });
+        self.device.client.post_sample(seq, &sample);
+        self.in_flight = Some(InFlight { seq, sample, arrived, sending: arrived.elapsed() });
     }
 
-    /// One look at the line, and what comes of it.
-    fn attend_to_line(&mut self, link: &mut ShmController) -> Result<(), BridgeError> {
-        let wait = match (self.asking, self.mode) {
+    /// Polls the line once and handles what arrived.
+    fn poll_line(&mut self, link: &mut ShmController) -> Result<(), BridgeError> {
+        let wait = match (self.in_flight, self.mode) {
             (_, Mode::Live) => LIVE_WAIT,
             (None, _) => Duration::ZERO,
             (Some(_), _) => LINE_WAIT,
         };
-        self.run_errands();
-        let heard = match self.target.client.listen(wait) {
-            Ok(heard) => heard,
+        self.send_next_request();
+        let received = match self.device.client.listen(wait) {
+            Ok(received) => received,
             Err(cause) => return self.recover(cause, || link.check_peer()),
         };
-        if heard == Heard::Nothing {
-            return self.look_around(link);
+        if received == Received::Nothing {
+            return self.check_timeouts(link);
         }
-        self.last_life = Instant::now();
-        match self.note(heard)? {
-            Noted::Command(command) => self.give(link, &command),
-            Noted::Reset => {
-                self.target.begin_again(|| link.check_peer())?;
-                // Under a new number: a late answer of before is not one to this.
+        self.last_received = Instant::now();
+        match self.handle(received)? {
+            Handled::Command(command) => self.deliver(link, &command),
+            Handled::Reset => {
+                self.device.begin_again(|| link.check_peer())?;
+                // Under a new number, so that a late answer is not taken for this one's.
                 self.seq = self.seq.wrapping_add(1);
-                if let Some(asking) = &mut self.asking {
-                    asking.seq = self.seq;
+                if let Some(in_flight) = &mut self.in_flight {
+                    in_flight.seq = self.seq;
                 }
-                self.ask_again();
+                self.resend();
                 Ok(())
             }
-            Noted::Other => Ok(()),
+            Handled::Other => Ok(()),
         }
     }
 
-    /// Nothing came: is anybody gone?
-    fn look_around(&mut self, link: &ShmController) -> Result<(), BridgeError> {
-        let waited = self.last_life.elapsed();
-        if self.asking.is_some() && waited >= LINE_WAIT {
-            self.look_at_peer(link)?;
+    /// Checks the time-outs after nothing has arrived.
+    fn check_timeouts(&mut self, link: &ShmController) -> Result<(), BridgeError> {
+        let waited = self.last_received.elapsed();
+        if self.in_flight.is_some() && waited >= LINE_WAIT {
+            self.check_peer(link)?;
             if waited >= self.timeout {
                 let waited_s = waited.as_secs_f64();
                 return Err(BridgeError::NoAnswer { ticks: self.ticks, waited_s });
@@ -215,171 +219,172 @@ impl Forwarder {
         Ok(())
     }
 
-    /// After so long its caller has given up, too; a check is made anew.
-    fn give_up_errand(&mut self) {
-        if let Some(age) = self.target.client.request_age()
+    /// Drops a request that is overdue: its client has given up, too.
+    fn drop_overdue_request(&mut self) {
+        if let Some(age) = self.device.client.request_age()
             && age >= REQUEST_PATIENCE
         {
-            self.target.client.drop_request();
-            self.errand = None;
+            self.device.client.drop_request();
+            self.pending = None;
         }
     }
 
-    /// Starts the next errand, if the line is free for it.
-    fn run_errands(&mut self) {
-        self.give_up_errand();
-        if self.errand.is_some() {
+    /// Sends the next request, if none waits for its reply.
+    fn send_next_request(&mut self) {
+        self.drop_overdue_request();
+        if self.pending.is_some() {
             return;
         }
-        if self.held.is_some() {
-            self.errand = Some(Errand::Check);
-            self.target.client.post_request(&Request::Identify);
-        } else if let Some(asked) = self.share.as_ref().and_then(Share::next)
-            && let Some(request) = asked.request()
+        if self.held_command.is_some() {
+            self.pending = Some(PendingRequest::SessionCheck);
+            self.device.client.post_request(&Request::Identify);
+        } else if let Some(next) = self.share.as_ref().and_then(RequestMux::next)
+            && let Some(request) = next.request()
         {
-            self.target.client.post_request(&request);
+            self.device.client.post_request(&request);
             self.shared += 1;
-            self.errand = Some(Errand::Other(asked));
+            self.pending = Some(PendingRequest::Client(next));
         }
     }
 
-    /// Makes of what came a command to hand on, if it is one and to be trusted.
-    fn note(&mut self, heard: Heard) -> Result<Noted, BridgeError> {
-        match heard {
-            Heard::Nothing => Ok(Noted::Other),
-            Heard::Alarm(alarm) => {
+    /// Handles what arrived; returns a command if it can be forwarded.
+    fn handle(&mut self, received: Received) -> Result<Handled, BridgeError> {
+        match received {
+            Received::Nothing => Ok(Handled::Other),
+            Received::Alarm(alarm) => {
                 if let Alarm::Crash(_) = alarm {
                     return Err(ClientError::Alarm(alarm).into());
                 }
                 self.alarms += 1;
                 self.notice(&Notice::Alarm(alarm));
-                // Said after a power-up: the next command is to be checked.
+                // Sent after a power-up: the next command must be checked.
                 self.safe_in_a_row = 0;
-                Ok(Noted::Other)
+                Ok(Handled::Other)
             }
-            Heard::Command { again: true, .. } if self.mode != Mode::Live => Ok(Noted::Other),
-            Heard::Command { command, .. } => Ok(self.judge(command)),
-            Heard::Reply => Ok(self.close_errand()),
+            Received::Command { again: true, .. } if self.mode != Mode::Live => Ok(Handled::Other),
+            Received::Command { command, .. } => Ok(self.accept(command)),
+            Received::Reply => Ok(self.finish_request()),
         }
     }
 
-    /// Whether a command can be handed on, or is first to be checked.
-    fn judge(&mut self, command: Command) -> Noted {
+    /// Returns a command to forward, or holds it until the session is checked.
+    fn accept(&mut self, command: Command) -> Handled {
         if command.header.flags & flags::SAFE == 0 {
-            (self.safe_in_a_row, self.held) = (0, None);
-            return Noted::Command(command);
+            (self.safe_in_a_row, self.held_command) = (0, None);
+            return Handled::Command(command);
         }
         let nth = self.safe_in_a_row;
         self.safe_in_a_row = (nth + 1) % CHECK_EVERY;
-        if nth == 0 || self.held.is_some() {
-            self.held = Some(command);
-            return Noted::Other;
+        if nth == 0 || self.held_command.is_some() {
+            self.held_command = Some(command);
+            return Handled::Other;
         }
-        Noted::Command(command)
+        Handled::Command(command)
     }
 
     /// Its reply has come.
-    fn close_errand(&mut self) -> Noted {
-        let reply = self.target.client.reply();
-        match (self.errand.take(), reply) {
-            (Some(Errand::Other(asked)), Some(reply)) => {
-                asked.answer(reply);
-                Noted::Other
+    fn finish_request(&mut self) -> Handled {
+        let reply = self.device.client.reply();
+        match (self.pending.take(), reply) {
+            (Some(PendingRequest::Client(request)), Some(reply)) => {
+                request.answer(reply);
+                Handled::Other
             }
-            (Some(Errand::Check), Some(Reply::Identity(identity))) => {
-                let who = DeviceIdentity::from(&identity);
-                match self.held.take() {
-                    _ if !self.target.is_in_our_run(&who) => Noted::Reset,
-                    Some(command) => Noted::Command(command),
-                    None => Noted::Other,
+            (Some(PendingRequest::SessionCheck), Some(Reply::Identity(identity))) => {
+                let identity = DeviceIdentity::from(&identity);
+                match self.held_command.take() {
+                    _ if !self.device.is_in_our_run(&identity) => Handled::Reset,
+                    Some(command) => Handled::Command(command),
+                    None => Handled::Other,
                 }
             }
-            _ => Noted::Other,
+            _ => Handled::Other,
         }
     }
 
-    /// Hands a command to the simulator.
-    fn give(&mut self, link: &mut ShmController, command: &Command) -> Result<(), BridgeError> {
-        let came = Instant::now();
+    /// Sends a command to the simulator.
+    fn deliver(&mut self, link: &mut ShmController, command: &Command) -> Result<(), BridgeError> {
+        let arrived = Instant::now();
         link.send(command).map_err(|cause| self.broken(cause))?;
         let given = Instant::now();
-        let answered = |asking: &mut Asking| asking.sample.header.seq == command.header.seq;
-        if let Some(asking) = self.asking.take_if(answered) {
-            self.times.record(given - asking.came, asking.sending + (given - came));
+        let answered = |in_flight: &mut InFlight| in_flight.sample.header.seq == command.header.seq;
+        if let Some(in_flight) = self.in_flight.take_if(answered) {
+            self.times.record(given - in_flight.arrived, in_flight.sending + (given - arrived));
             self.ticks += 1;
         }
         Ok(())
     }
 
-    /// The line broke, or worse. When it is back, what was asked is asked again.
+    /// Recovers from a broken line, and sends the unanswered sample again.
     fn recover(
         &mut self,
         cause: ClientError,
         mut still_wanted: impl FnMut() -> Result<(), LinkError>,
     ) -> Result<(), BridgeError> {
-        if let Some(Errand::Other(asked)) = self.errand.take() {
-            asked.hang_up();
+        if let Some(PendingRequest::Client(request)) = self.pending.take() {
+            request.hang_up();
         }
-        self.target.recover(cause, &mut still_wanted)?;
-        self.last_life = Instant::now();
-        self.ask_again();
+        self.device.recover(cause, &mut still_wanted)?;
+        self.last_received = Instant::now();
+        self.resend();
         Ok(())
     }
 
-    /// The same seq again: a controller that has answered it gives the same answer.
-    fn ask_again(&mut self) {
-        (self.held, self.safe_in_a_row) = (None, 0);
-        if let Some(Asking { seq, sample, .. }) = self.asking {
-            self.target.client.post_sample(seq, &sample);
+    /// Sends the unanswered sample under the same number: a controller that has answered it
+    /// repeats its answer.
+    fn resend(&mut self) {
+        (self.held_command, self.safe_in_a_row) = (None, 0);
+        if let Some(InFlight { seq, sample, .. }) = self.in_flight {
+            self.device.client.post_sample(seq, &sample);
         }
     }
 
-    /// Lets the request that is under way come to its end.
-    fn finish_errand(&mut self) -> Result<(), BridgeError> {
-        while self.errand.is_some() {
-            let heard = self.target.client.listen(LINE_WAIT)?;
-            self.note(heard)?;
-            self.give_up_errand();
+    /// Waits for the reply to the pending request.
+    fn drain_request(&mut self) -> Result<(), BridgeError> {
+        while self.pending.is_some() {
+            let received = self.device.client.listen(LINE_WAIT)?;
+            self.handle(received)?;
+            self.drop_overdue_request();
         }
         Ok(())
     }
 
-    /// After the run: the figures of both sides.
+    /// Ends the run; returns the report with the counts of both sides.
     pub(super) fn finish(&mut self) -> Result<Report, BridgeError> {
         let wall = self.begun.elapsed();
-        self.finish_errand()?;
-        let figures = self.target.finish()?;
-        let line = self.target.client.line_counts();
+        self.drain_request()?;
+        let counts = self.device.finish()?;
+        let line = self.device.client.line_counts();
         Ok(Report {
-            board: self.target.who.board.clone(),
-            firmware: self.target.who.firmware.clone(),
-            policy: self.target.who.policy.as_ref().map(|policy| policy.name.clone()),
+            board: self.device.identity.board.clone(),
+            firmware: self.device.identity.firmware.clone(),
+            policy: self.device.identity.policy.as_ref().map(|policy| policy.name.clone()),
             mode: self.mode.to_string(),
             ticks: self.ticks,
             ticks_per_s: self.ticks as f64 / wall.as_secs_f64(),
             round_trip_us: self.times.round_trips_us(),
             own_share_us: self.times.own_shares_us(),
-            sent: *self.target.client.counts(),
+            sent: *self.device.client.counts(),
             received: *line,
-            reconnects: self.target.reconnects,
-            reboots: self.target.reboots,
+            reconnects: self.device.reconnects,
+            reboots: self.device.reboots,
             alarms: self.alarms,
             shared_requests: self.shared,
-            controller: figures,
+            controller: counts,
         })
     }
 
-    /// After a failure.
+    /// Leaves the controller idle, after a failure.
     pub(super) fn leave(&mut self) {
-        self.target.leave();
+        self.device.leave();
     }
 }
 
-/// What came of what was heard.
-enum Noted {
-    /// A command to hand on.
+/// The result of handling what arrived.
+enum Handled {
+    /// A command to forward.
     Command(Command),
-    /// The controller is not in our run any more.
+    /// The controller is no longer in this session.
     Reset,
     /// Nothing for the simulator.
     Other,

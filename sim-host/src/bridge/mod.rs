@@ -1,14 +1,14 @@
-//! The bridge: a flashed controller brought to where a controller process
-//! would be, so that the simulator cannot tell one from the other.
+//! The bridge: connects a controller on a serial line to the simulator, in place of a
+//! controller process.
 //!
-//! One thread waits for the simulator on shared memory and for the controller
-//! on the line. `target` keeps the line and the run on it, `forward` moves
-//! samples and commands, `share` lets others ask the controller meanwhile.
+//! One thread waits for the simulator on shared memory and for the controller on the line.
+//! `device` maintains the line and the session, `forward` moves samples and commands,
+//! `request_mux` lets other programs send requests to the controller meanwhile.
 
+mod device;
 mod forward;
 mod report;
-mod share;
-mod target;
+mod request_mux;
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -22,42 +22,42 @@ use leg_host::socket::SocketError;
 use leg_host::{Domain, LinkError, SessionParams};
 use leg_process::Stop;
 
+use device::Device;
+pub use device::{Connector, Notice, NoticeSink, OnUnplug, RunParams};
 use forward::Forwarder;
 pub use report::Report;
-use share::Share;
-use target::Target;
-pub use target::{Dial, Notice, OnUnplug, RunTerms, Tell};
+use request_mux::RequestMux;
 
-/// How a bridge is to run.
+/// The options of a bridge.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// On what terms.
-    pub terms: RunTerms,
-    /// Where to meet the simulator.
+    /// The parameters of the run.
+    pub params: RunParams,
+    /// The domain of the simulator.
     pub domain: String,
     /// How long to wait for a missing or silent simulator or controller, or for
     /// a line that is unplugged.
     pub timeout: Duration,
     /// What to do when the line breaks.
     pub on_unplug: OnUnplug,
-    /// A socket for others' requests.
+    /// A unix socket for clients' requests.
     pub share: Option<PathBuf>,
 }
 
-/// Why there was no run, or not a whole one.
+/// Why a run did not begin, or broke off.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum BridgeError {
     /// The line cannot be opened.
     #[error(transparent)]
     Open(#[from] OpenError),
-    /// The controller cannot be talked to, or will not.
+    /// The controller does not answer, or refuses.
     #[error(transparent)]
     Client(#[from] ClientError),
-    /// Its messages are of another version.
+    /// The controller uses another wire version.
     #[error(
-        "the controller speaks version {theirs} of the messages, this program version \
-         {WIRE_VERSION}; flash a firmware of this release, or use the program of that one"
+        "the controller uses wire version {theirs}, this program {WIRE_VERSION}; flash the \
+         firmware of this release, or use the program of that one"
     )]
     WireVersion {
         /// The controller's.
@@ -91,12 +91,12 @@ pub enum BridgeError {
     NotBack {
         /// For so long.
         waited: Duration,
-        /// What the last try came to.
+        /// The error of the last try.
         last: Box<BridgeError>,
     },
     /// The socket for others cannot be had.
     #[error("--share: {0}")]
-    Share(#[from] SocketError),
+    RequestMux(#[from] SocketError),
 }
 
 impl From<DomainError> for BridgeError {
@@ -105,37 +105,40 @@ impl From<DomainError> for BridgeError {
     }
 }
 
-/// Joins the domain as a controller does, for one run of the simulator; the
-/// commands are those of the controller that `dial` reaches. `tell` hears what
-/// is worth a word meanwhile.
-///
-/// However it ends, a controller that still hears is left idle.
+/// Joins the domain as a controller does, for one run of the simulator; the commands are
+/// those of the controller that `connect` opens a line to. `on_notice` receives the events
+/// meanwhile. However the run ends, a controller that still answers is left idle.
 ///
 /// # Errors
 /// [`BridgeError`].
-pub fn run(options: &Options, dial: Dial, tell: Tell, stop: &Stop) -> Result<Report, BridgeError> {
-    let Options { terms, timeout, on_unplug, .. } = *options;
-    let share = options.share.as_deref().map(Share::listen).transpose()?;
-    let mut target = Target::find(dial, tell, terms, on_unplug, timeout, stop)?;
+pub fn run(
+    options: &Options,
+    connect: Connector,
+    on_notice: NoticeSink,
+    stop: &Stop,
+) -> Result<Report, BridgeError> {
+    let Options { params, timeout, on_unplug, .. } = *options;
+    let share = options.share.as_deref().map(RequestMux::listen).transpose()?;
+    let mut device = Device::find(connect, on_notice, params, on_unplug, timeout, stop)?;
     let domain = Domain::join(&options.domain)?;
-    let leg = target.who.policy.as_ref().map(|policy| policy.leg);
+    let leg = device.identity.policy.as_ref().map(|policy| policy.leg);
     // It goes along with either pace.
     let meeting = SessionParams {
         leg,
-        ..SessionParams::at(terms.rate_hz).with_gravity(terms.gravity_m_s2).with_any_time_mode()
+        ..SessionParams::at(params.rate_hz).with_gravity(params.gravity_m_s2).with_any_time_mode()
     };
 
-    // Refused terms are the caller's error, to be said at once; and a controller left in the
-    // middle of another run stops.
-    if let Err(cause) = target.begin() {
-        target.recover(cause, || Ok(()))?;
+    // Refused parameters are the caller's error, to report at once. A controller that was left
+    // in the middle of another run stops.
+    if let Err(cause) = device.begin() {
+        device.recover(cause, || Ok(()))?;
     }
-    let mut forwarder = Forwarder::new(target, share, terms.mode, timeout);
-    let mut said = false;
+    let mut forwarder = Forwarder::new(device, share, params.mode, timeout);
+    let mut is_reported = false;
     let mut broke = None;
     let link = ShmController::connect_while(&domain, meeting, timeout, stop, |missing| {
-        if !said && missing.waited >= leg_host::cli::SAY_AFTER {
-            said = true;
+        if !is_reported && missing.waited >= leg_host::cli::SAY_AFTER {
+            is_reported = true;
             let hint = leg_host::cli::hint::missing_peer(missing);
             forwarder.notice(&Notice::Waiting(format!("{missing}; {hint}")));
         }

@@ -1,4 +1,4 @@
-//! What a bridge's run came to: for scripts, and as a table.
+//! The report of a bridge's run: for scripts, and as a table.
 
 use std::fmt;
 use std::time::Duration;
@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::session::{RoundTripUs, RoundTrips};
 
-/// How long the answers took.
+/// The times of the answers.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Times {
     round_trips: RoundTrips,
@@ -17,7 +17,7 @@ pub(super) struct Times {
 }
 
 impl Times {
-    /// Takes in one answer: from sample to command, and the bridge's part of it.
+    /// Records one answer: the time from sample to command, and the bridge's share of it.
     pub(super) fn record(&mut self, round_trip: Duration, own: Duration) {
         self.round_trips.record(round_trip);
         self.own.record(own);
@@ -32,7 +32,7 @@ impl Times {
     }
 }
 
-/// The figures of a run, by the names that scripts read.
+/// The report of a run; scripts read these names.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
     /// The board.
@@ -41,7 +41,7 @@ pub struct Report {
     pub firmware: String,
     /// The policy that ran at the end.
     pub policy: Option<String>,
-    /// How ticks came about.
+    /// What made a tick.
     pub mode: String,
     /// Samples answered.
     pub ticks: u64,
@@ -52,9 +52,9 @@ pub struct Report {
     /// Of that, what the bridge itself took: until the sample was written to
     /// the line, and from the command's last byte on.
     pub own_share_us: RoundTripUs,
-    /// What was said, and what was said again.
+    /// What was sent, retransmissions counted apart.
     pub sent: Counts,
-    /// What came from the controller.
+    /// What arrived from the controller.
     pub received: LineCounts,
     /// Times that the line broke and was opened again.
     pub reconnects: u64,
@@ -64,7 +64,7 @@ pub struct Report {
     pub alarms: u64,
     /// Others' requests passed on.
     pub shared_requests: u64,
-    /// The controller's own figures; of the line, what came to it in this run,
+    /// The controller's own counts; of the line, what arrived there in this run,
     /// or since its last reboot.
     pub controller: ControllerCounts,
 }
@@ -117,7 +117,7 @@ impl fmt::Display for Report {
         }
         writeln!(
             f,
-            "said again: {} samples, {} requests; answered again: {}; reconnects {}, reboots {}, \
+            "retransmitted: {} samples, {} requests; repeated answers: {}; reconnects {}, reboots {}, \
              alarms {}",
             sent.sample_retries,
             sent.request_retries,

@@ -15,7 +15,7 @@ use leg_process::stdout;
 use leg_control::serial::message::Mode;
 
 use super::misuse;
-use crate::bridge::{self, BridgeError, Dial, OnUnplug, Options, RunTerms};
+use crate::bridge::{self, BridgeError, Connector, OnUnplug, Options, RunParams};
 
 /// Be the controller by way of a flashed one: pass the simulator's samples to a
 /// serial line, and the commands back.
@@ -73,7 +73,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         .and_then(|config| config.with_gravity(args.gravity))
         .map_err(misuse)?;
     let options = Options {
-        terms: RunTerms {
+        params: RunParams {
             rate_hz: args.rate,
             gravity_m_s2: args.gravity,
             mode: match args.mode {
@@ -87,13 +87,14 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         share: args.share.clone(),
     };
     let stop = Stop::on_signals()?;
-    let tell = |notice: &bridge::Notice| eprintln!("sim-host: {notice}");
-    let report = bridge::run(&options, dial(args), Box::new(tell), &stop).map_err(|error| {
-        if matches!(error, BridgeError::Connect(ConnectError::Domain(DomainError::Name(_)))) {
-            return misuse(error);
-        }
-        error.into()
-    })?;
+    let on_notice = |notice: &bridge::Notice| eprintln!("sim-host: {notice}");
+    let report =
+        bridge::run(&options, connect(args), Box::new(on_notice), &stop).map_err(|error| {
+            if matches!(error, BridgeError::Connect(ConnectError::Domain(DomainError::Name(_)))) {
+                return misuse(error);
+            }
+            error.into()
+        })?;
     if args.json {
         stdout::print_line(serde_json::to_string(&report)?)?;
     } else {
@@ -103,7 +104,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
 }
 
 /// Opens the line, each time with other noise if there is to be any.
-fn dial(args: &Args) -> Dial {
+fn connect(args: &Args) -> Connector {
     let (endpoint, noise, mut seed) = (args.endpoint.endpoint(), args.noise, args.noise_seed);
     Box::new(move || -> Result<Box<dyn ByteStream>, OpenError> {
         let stream = endpoint.open()?;

@@ -1,14 +1,10 @@
-//! A run operated from beside it: asked how it goes, given another set-point,
-//! paused, ended.
+//! A run operated from another process: its status, another set-point, pause, end.
 //!
-//! The leg answers in JSON over a socket, from a thread of its own; the
-//! loop and it share a [`Board`] of atomic numbers, so neither waits for the
-//! other.
+//! The leg answers in JSON over a socket, from a thread of its own; neither the loop nor
+//! that thread waits for the other.
 
-mod board;
 mod requests;
-
-use std::sync::Arc;
+mod shared;
 
 use leg_host::discovery::DomainError;
 use leg_host::json_socket::JsonSocket;
@@ -19,8 +15,9 @@ use leg_process::Stop;
 
 use crate::session::{Hooks, Leg, TickRecord};
 
-pub use board::{BUCKETS, Board};
 pub use requests::{LegRequest, LegStatus};
+pub use shared::BUCKETS;
+use shared::LoopSide;
 
 /// Why a run cannot be operated.
 #[derive(Debug, thiserror::Error)]
@@ -37,19 +34,17 @@ pub enum OperateError {
 /// A run with a socket, hooked into its session.
 #[derive(Debug)]
 pub struct Operated {
-    board: Arc<Board>,
-    /// Orders that the leg has.
-    known: u32,
+    side: LoopSide,
     stop: Stop,
     _socket: JsonSocket,
 }
 
 impl Operated {
-    /// Opens the leg's socket in the domain of this name; this process must play
-    /// the leg there. `timing` gives the loop's own figures, when it has some.
+    /// Opens the leg's socket in the domain of this name; this process must have the
+    /// leg's role there. `timing` gives the statistics of a real-time loop.
     ///
     /// # Errors
-    /// [`OperateError`].
+    /// [`OperateError`] when the domain cannot be joined or the socket not be bound.
     pub fn open(
         domain: &str,
         rate_hz: u32,
@@ -57,26 +52,26 @@ impl Operated {
         stop: &Stop,
         timing: Option<LatestReport>,
     ) -> Result<Self, OperateError> {
-        let board = Arc::new(Board::default());
-        let socket = requests::open(&Domain::join(domain)?, &board, rate_hz, pace, timing)?;
-        Ok(Self { board, known: 0, stop: stop.clone(), _socket: socket })
+        let (side, other) = shared::pair();
+        let socket = requests::open(&Domain::join(domain)?, other, rate_hz, pace, timing)?;
+        Ok(Self { side, stop: stop.clone(), _socket: socket })
     }
 }
 
 impl Hooks for Operated {
     fn wait(&mut self) {
-        self.board.wait_while_paused(&self.stop);
+        self.side.wait_while_paused(&self.stop);
     }
 
     fn ends(&mut self) -> bool {
-        self.board.is_ended()
+        self.side.is_ended()
     }
 
     fn steer(&mut self, leg: &mut Leg<'_>) {
-        self.board.steer(leg, &mut self.known);
+        self.side.steer(leg);
     }
 
     fn observe(&mut self, tick: &TickRecord<'_>) {
-        self.board.show(tick);
+        self.side.publish(tick);
     }
 }

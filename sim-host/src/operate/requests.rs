@@ -9,53 +9,53 @@ use leg_host::socket::SocketError;
 use leg_host::{Domain, Role, TimeMode};
 use serde::{Deserialize, Serialize};
 
-use super::board::{Board, Seen};
+use super::shared::{RunProgress, RunSettings, SocketSide};
 
 /// A request to the leg. Each is answered by [`LegStatus`], or refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "request", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum LegRequest {
-    /// How it goes.
+    /// Requests the status.
     Status,
-    /// Another set-point than the scenario's, from the next tick on.
+    /// Sets another set-point than the scenario's, from the next tick on.
     SetPoint {
-        /// The speed, m/s; none gives the word back to the scenario.
+        /// The speed, m/s; none returns to the scenario's.
         m_s: Option<f64>,
     },
-    /// Wait, in lock-step.
+    /// Pauses a run in lock-step.
     Pause,
-    /// Go on.
+    /// Resumes a paused run.
     Resume,
-    /// End the run in good order.
+    /// Ends the run.
     Quit,
 }
 
-/// How a leg is doing.
+/// The status of a running leg.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LegStatus {
-    /// Its process.
+    /// Process id.
     pub pid: u32,
     /// Ticks a second.
     pub rate_hz: u32,
-    /// What sets the time.
+    /// Lock-step or real time.
     pub pace: TimeMode,
-    /// Whether it waits because it was told to.
+    /// Whether the run is paused.
     pub is_paused: bool,
-    /// The set-point by hand, m/s.
+    /// The set-point that replaces the scenario's, m/s.
     pub ordered_m_s: Option<f64>,
-    /// Number of the run.
+    /// Run id.
     pub run_id: u32,
-    /// The last tick played.
+    /// Sequence number of the last tick.
     pub seq: u64,
     /// Its time, s.
     pub t_s: f64,
-    /// Place of the mass, m.
+    /// Horizontal position of the mass, m.
     pub x_m: f64,
     /// True density of the medium over that of water.
     pub density_ratio: f64,
     /// Ticks played.
     pub ticks: u64,
-    /// Times that the foot came down.
+    /// Touchdowns.
     pub hops: u64,
     /// Falls.
     pub falls: u64,
@@ -67,53 +67,62 @@ pub struct LegStatus {
     pub rejected: u32,
     /// Commands by how long they took; see [`super::BUCKETS`].
     pub round_trips: Vec<u32>,
-    /// In real time: the loop's own figures.
+    /// In real time: the statistics of the loop.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub timing: Option<LoopReport>,
 }
 
-/// Opens the leg's socket in `domain`, over what is on `board`. `timing` gives
-/// the loop's own figures, when it has some.
+/// Opens the leg's socket in `domain`. `timing` gives the statistics of a real-time loop.
 ///
 /// # Errors
-/// [`SocketError`].
+/// [`SocketError`] when the socket cannot be bound.
 pub(super) fn open(
     domain: &Arc<Domain>,
-    board: &Arc<Board>,
+    mut side: SocketSide,
     rate_hz: u32,
     pace: TimeMode,
     timing: Option<LatestReport>,
 ) -> Result<JsonSocket, SocketError> {
-    let board = Arc::clone(board);
     JsonSocket::open(domain, Role::Leg, move |request: LegRequest| {
-        obey(&board, pace, &request)?;
-        Ok(status(&board, rate_hz, pace, timing.as_ref().map(LatestReport::get)))
+        apply(&mut side, pace, &request)?;
+        let report = timing.as_ref().map(LatestReport::get);
+        Ok(status(side.settings(), side.progress(), rate_hz, pace, report))
     })
 }
 
-fn obey(board: &Board, pace: TimeMode, request: &LegRequest) -> Result<(), String> {
-    match request {
-        LegRequest::Status => (),
-        LegRequest::SetPoint { m_s: None } => board.order(None),
-        LegRequest::SetPoint { m_s: Some(m_s) } => {
+/// Changes the settings as requested, or returns why not.
+fn apply(side: &mut SocketSide, pace: TimeMode, request: &LegRequest) -> Result<(), String> {
+    let now = side.settings();
+    let new = match *request {
+        LegRequest::Status => return Ok(()),
+        LegRequest::SetPoint { m_s } => {
             let limit = f64::from(Limits::default().max_speed_m_s);
-            if m_s.is_nan() || m_s.abs() > limit {
+            if let Some(m_s) = m_s
+                && (m_s.is_nan() || m_s.abs() > limit)
+            {
                 return Err(format!("set-point {m_s} m/s: it must be from {} to {limit}", -limit));
             }
-            board.order(Some(*m_s));
+            RunSettings { set_point_m_s: m_s, ..now }
         }
         LegRequest::Pause if pace == TimeMode::RealTime => {
             return Err("a run in real time cannot be paused: its time does not wait".to_owned());
         }
-        LegRequest::Pause => board.pause(true),
-        LegRequest::Resume => board.pause(false),
-        LegRequest::Quit => board.end(),
-    }
+        LegRequest::Pause => RunSettings { is_paused: true, ..now },
+        LegRequest::Resume => RunSettings { is_paused: false, ..now },
+        LegRequest::Quit => RunSettings { is_ended: true, ..now },
+    };
+    side.set(new);
     Ok(())
 }
 
-fn status(board: &Board, rate_hz: u32, pace: TimeMode, timing: Option<LoopReport>) -> LegStatus {
-    let Seen {
+fn status(
+    settings: RunSettings,
+    progress: RunProgress,
+    rate_hz: u32,
+    pace: TimeMode,
+    timing: Option<LoopReport>,
+) -> LegStatus {
+    let RunProgress {
         run_id,
         seq,
         t_s,
@@ -126,13 +135,13 @@ fn status(board: &Board, rate_hz: u32, pace: TimeMode, timing: Option<LoopReport
         held_ticks,
         rejected,
         round_trips,
-    } = board.seen();
+    } = progress;
     LegStatus {
         pid: std::process::id(),
         rate_hz,
         pace,
-        is_paused: board.is_paused(),
-        ordered_m_s: board.ordered(),
+        is_paused: settings.is_paused,
+        ordered_m_s: settings.set_point_m_s,
         run_id,
         seq,
         t_s,
@@ -144,7 +153,7 @@ fn status(board: &Board, rate_hz: u32, pace: TimeMode, timing: Option<LoopReport
         safe_ticks,
         held_ticks,
         rejected,
-        round_trips,
+        round_trips: round_trips.to_vec(),
         timing,
     }
 }
@@ -152,29 +161,29 @@ fn status(board: &Board, rate_hz: u32, pace: TimeMode, timing: Option<LoopReport
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::operate::shared;
 
     #[test]
-    fn orders_are_checked_and_kept() {
-        let board = Board::default();
-        let order =
-            |m_s| obey(&board, TimeMode::LockStep, &LegRequest::SetPoint { m_s: Some(m_s) });
+    fn requests_are_checked_and_change_the_settings() {
+        let (mut loop_side, mut side) = shared::pair();
+        let mut request =
+            |pace, request: LegRequest| apply(&mut side, pace, &request).map(|()| side.settings());
+        let set_point = |m_s| LegRequest::SetPoint { m_s };
         for bad in [50.5, f64::NAN, f64::NEG_INFINITY] {
-            let refused = order(bad).unwrap_err();
+            let refused = request(TimeMode::LockStep, set_point(Some(bad))).unwrap_err();
             assert!(refused.contains("-50 to 50") && refused.contains(&bad.to_string()));
         }
-        assert_eq!(board.ordered(), None);
-        order(-1.5).unwrap();
-        assert_eq!(board.ordered(), Some(-1.5));
-        obey(&board, TimeMode::LockStep, &LegRequest::SetPoint { m_s: None }).unwrap();
-        assert_eq!(board.ordered(), None);
-        assert!(
-            obey(&board, TimeMode::RealTime, &LegRequest::Pause).unwrap_err().contains("real time")
-        );
-        obey(&board, TimeMode::LockStep, &LegRequest::Pause).unwrap();
-        assert!(status(&board, 1000, TimeMode::LockStep, None).is_paused);
-        obey(&board, TimeMode::LockStep, &LegRequest::Resume).unwrap();
-        obey(&board, TimeMode::LockStep, &LegRequest::Quit).unwrap();
-        assert!(board.is_ended() && !board.is_paused());
+        let settings = request(TimeMode::LockStep, set_point(Some(-1.5))).unwrap();
+        assert_eq!(settings.set_point_m_s, Some(-1.5));
+        let settings = request(TimeMode::LockStep, set_point(None)).unwrap();
+        assert_eq!(settings.set_point_m_s, None);
+        let refused = request(TimeMode::RealTime, LegRequest::Pause).unwrap_err();
+        assert!(refused.contains("real time"));
+        assert!(request(TimeMode::LockStep, LegRequest::Pause).unwrap().is_paused);
+        assert!(!request(TimeMode::LockStep, LegRequest::Resume).unwrap().is_paused);
+        assert!(!loop_side.is_ended());
+        request(TimeMode::LockStep, LegRequest::Quit).unwrap();
+        assert!(loop_side.is_ended());
     }
 
     #[test]

@@ -111,7 +111,7 @@ pub struct Counts {
 
 /// What came.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Heard {
+pub enum Received {
     /// Nothing new in that time.
     Nothing,
     /// A command for a sample that was posted, and for none older than that of
@@ -246,12 +246,12 @@ impl Client {
     }
 
     /// Waits at most `timeout` for something to come, and retransmits what is
-    /// due. May return [`Heard::Nothing`] sooner.
+    /// due. May return [`Received::Nothing`] sooner.
     ///
     /// # Errors
     /// [`ClientError::Line`] when the stream is broken and everything that
     /// arrived before was returned; [`ClientError::Stopped`].
-    pub fn listen(&mut self, timeout: Duration) -> Result<Heard, ClientError> {
+    pub fn listen(&mut self, timeout: Duration) -> Result<Received, ClientError> {
         if self.stop.is_raised() {
             return Err(ClientError::Stopped);
         }
@@ -259,14 +259,14 @@ impl Client {
         let due = [&self.sample, &self.request].into_iter().flatten().map(Pending::wait).min();
         let wait = timeout.min(due.unwrap_or(LOOK)).min(LOOK);
         match self.line.receive(wait)? {
-            Came::Nothing => Ok(Heard::Nothing),
+            Came::Nothing => Ok(Received::Nothing),
             Came::Bad(fault) => {
                 if let FrameError::Version(version) = fault {
                     self.foreign = Some(version);
                 } else {
                     self.answer_was_damaged();
                 }
-                Ok(Heard::Nothing)
+                Ok(Received::Nothing)
             }
             Came::Frame => Ok(self.take()),
         }
@@ -301,7 +301,7 @@ impl Client {
         send(&mut self.line, pending, &mut self.counts);
     }
 
-    fn take(&mut self) -> Heard {
+    fn take(&mut self) -> Received {
         match self.line.message::<ToHost<'_>>() {
             Some(ToHost::Command { seq, command }) => {
                 if let Some(pending) = self.sample.take_if(|pending| pending.number == seq) {
@@ -315,30 +315,30 @@ impl Client {
                     self.open = Some(OpenRange { from: seq, answered: true, ..open });
                     self.counts.commands += u64::from(!again);
                     self.counts.repeats += u64::from(again);
-                    return Heard::Command { seq, command, again };
+                    return Received::Command { seq, command, again };
                 }
             }
             Some(ToHost::Reply { id, .. }) => {
                 if let Some(pending) = self.request.take_if(|pending| pending.number == id) {
                     self.answered_request = pending.answered(&mut self.request_timer);
                     self.counts.replies += 1;
-                    return Heard::Reply;
+                    return Received::Reply;
                 }
                 if let Some(twice) = self.answered_request.take_if(|last| last.number == id) {
                     self.request_timer.was_too_soon(twice.took);
                 }
             }
-            Some(ToHost::Alarm(alarm)) => return Heard::Alarm(alarm),
+            Some(ToHost::Alarm(alarm)) => return Received::Alarm(alarm),
             None => {
                 self.line.count_unknown();
-                return Heard::Nothing;
+                return Received::Nothing;
             }
         }
         self.counts.stale += 1;
-        Heard::Nothing
+        Received::Nothing
     }
 
-    /// The reply just [heard](Heard::Reply).
+    /// The reply just [heard](Received::Reply).
     #[must_use]
     pub fn reply(&self) -> Option<Reply<'_>> {
         match self.line.message() {
@@ -362,9 +362,11 @@ impl Client {
         self.post_request(request);
         loop {
             match self.listen(patience)? {
-                Heard::Reply => break,
-                Heard::Alarm(alarm @ Alarm::Crash(_)) => return Err(ClientError::Alarm(alarm)),
-                Heard::Alarm(Alarm::NoPolicy { .. }) | Heard::Command { .. } | Heard::Nothing => (),
+                Received::Reply => break,
+                Received::Alarm(alarm @ Alarm::Crash(_)) => return Err(ClientError::Alarm(alarm)),
+                Received::Alarm(Alarm::NoPolicy { .. })
+                | Received::Command { .. }
+                | Received::Nothing => (),
             }
             let waited = begun.elapsed();
             if waited >= patience {

@@ -17,7 +17,7 @@ pub mod stream;
 pub mod upload;
 pub mod virtual_board;
 
-pub use client::{Client, ClientError, Counts, Heard};
+pub use client::{Client, ClientError, Counts, Received};
 pub use identity::{DeviceIdentity, PolicyIdentity};
 pub use link::{SerialController, SerialLeg};
 pub use noise::Noisy;

@@ -86,7 +86,7 @@ fn the_last_alarm_is_read_before_a_broken_stream_is_reported() {
         drop(there);
         client.post_sample(1, &sample(1));
         client.post_request(&Request::Identify);
-        assert_eq!(client.listen(LONG).unwrap(), Heard::Alarm(alarm));
+        assert_eq!(client.listen(LONG).unwrap(), Received::Alarm(alarm));
         assert!(client.listen(LONG).unwrap_err().is_unplugged());
     }
 }
@@ -162,10 +162,10 @@ fn samples_and_requests_go_side_by_side() {
         let begun = Instant::now();
         while (command.is_none() || !reply) && begun.elapsed() < LONG {
             match client.listen(LONG).unwrap() {
-                Heard::Command { seq, command: heard, again: false } => {
+                Received::Command { seq, command: heard, again: false } => {
                     command = Some((seq, heard));
                 }
-                Heard::Reply => reply = true,
+                Received::Reply => reply = true,
                 _ => (),
             }
         }
@@ -195,7 +195,7 @@ fn a_board_without_a_policy_says_so_and_takes_one() {
     let (here, there) = pair();
     let mut client = Client::new(here, &Stop::default());
     let _bench = Bench::new(there, MemoryFlash::new());
-    let Heard::Alarm(alarm) = client.listen(LONG).unwrap() else { panic!("no alarm") };
+    let Received::Alarm(alarm) = client.listen(LONG).unwrap() else { panic!("no alarm") };
     assert_eq!(alarm, Alarm::NoPolicy { a: SlotError::Empty, b: SlotError::Empty });
     let text = alarm.to_string();
     assert!(text.contains("slot A: empty") && text.contains("uploaded"), "{text}");

@@ -1,9 +1,8 @@
-//! Others' requests while the bridge holds the line.
+//! Clients' requests to a controller whose line the bridge uses.
 //!
-//! A board has one line, and the bridge is on it. Other programs say their
-//! requests to the bridge, on a unix socket, in the same protocol; it passes
-//! them on one by one, between samples, under numbers of its own. What would
-//! interfere with the run it refuses itself.
+//! Other programs send their requests to the bridge, on a unix socket, in the same
+//! protocol. It forwards them one by one, between samples, under its own ids, and refuses
+//! those that would interfere with the run.
 
 use std::io::{self, Read, Write};
 use std::net::Shutdown;
@@ -20,22 +19,22 @@ use leg_control::serial::message::{Reply, Request, RequestError, ToController, T
 use leg_host::socket::{SocketError, SocketFile};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-/// How often the thread looks whether to end.
-const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
-/// After a failure of the system's, before the next try.
+/// How often the thread checks whether to end.
+const POLL: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
+/// Pause after a system error, before the next try.
 const PAUSE: Duration = Duration::from_millis(50);
 
 /// The socket, and the thread that listens on it.
 #[derive(Debug)]
-pub(super) struct Share {
-    queue: Queue<Asked>,
+pub(super) struct RequestMux {
+    queue: Queue<ClientRequest>,
     end: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
     // Removed once nobody listens.
     _file: SocketFile,
 }
 
-/// Where a caller's answers go.
+/// The connection on which a client receives its replies.
 #[derive(Clone, Debug)]
 struct Caller(Arc<Mutex<Answers>>);
 
@@ -46,16 +45,16 @@ struct Answers {
     last: Option<(u32, Option<Vec<u8>>)>,
 }
 
-/// A request to pass on.
+/// A request to forward.
 #[derive(Debug)]
-pub(super) struct Asked {
+pub(super) struct ClientRequest {
     caller: Caller,
     id: u32,
     payload: Vec<u8>,
 }
 
-impl Asked {
-    /// What is asked for.
+impl ClientRequest {
+    /// Returns the request.
     pub(super) fn request(&self) -> Option<Request<'_>> {
         match frame::decode(&self.payload) {
             Ok(ToController::Request { request, .. }) => Some(request),
@@ -63,12 +62,12 @@ impl Asked {
         }
     }
 
-    /// Hands the caller its answer.
+    /// Sends the client its reply.
     pub(super) fn answer(&self, reply: Reply<'_>) {
         self.caller.answer(self.id, reply);
     }
 
-    /// There will be no answer: the line broke.
+    /// Closes the connection, because the line broke and there will be no reply.
     pub(super) fn hang_up(&self) {
         self.caller.with(|answers| {
             let _ = answers.socket.shutdown(Shutdown::Both);
@@ -85,18 +84,18 @@ impl Caller {
         let mut room = [0; MAX_FRAME];
         if let Ok(frame) = frame::encode(&ToHost::Reply { id, reply }, &mut room) {
             self.with(|answers| {
-                answers.say(frame);
+                answers.send(frame);
                 answers.last = Some((id, Some(frame.to_vec())));
             });
         }
     }
 
-    /// Whether it is for the bridge to pass on: not when the same was asked before.
+    /// Returns whether a request is new; a repeated one gets the same reply again.
     fn is_new(&self, id: u32) -> bool {
         self.with(|answers| match answers.last.take() {
             Some((last, answer)) if last == id => {
                 if let Some(frame) = &answer {
-                    answers.say(frame);
+                    answers.send(frame);
                 }
                 answers.last = Some((last, answer));
                 false
@@ -110,16 +109,16 @@ impl Caller {
 }
 
 impl Answers {
-    /// Never waits: a caller that does not listen is hung up on.
-    fn say(&mut self, frame: &[u8]) {
+    /// Sends a frame without waiting; closes the connection of a client that does not read.
+    fn send(&mut self, frame: &[u8]) {
         if !self.socket.write(frame).is_ok_and(|taken| taken == frame.len()) {
             let _ = self.socket.shutdown(Shutdown::Both);
         }
     }
 }
 
-impl Share {
-    /// Listens at `path`.
+impl RequestMux {
+    /// Listens on the unix socket at `path`.
     pub(super) fn listen(path: &Path) -> Result<Self, SocketError> {
         let (file, listener) = SocketFile::bind(path)?;
         let failed = |cause| SocketError::Io { path: path.to_owned(), cause };
@@ -134,13 +133,13 @@ impl Share {
         Ok(Self { queue, end, thread: Some(thread), _file: file })
     }
 
-    /// The next request, if there is one.
-    pub(super) fn next(&self) -> Option<Asked> {
+    /// Returns the next request, if there is one.
+    pub(super) fn next(&self) -> Option<ClientRequest> {
         self.queue.try_recv().ok()
     }
 }
 
-impl Drop for Share {
+impl Drop for RequestMux {
     fn drop(&mut self) {
         self.end.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
@@ -149,20 +148,20 @@ impl Drop for Share {
     }
 }
 
-/// A caller's end of its connection.
+/// A client's connection.
 struct Connection {
     socket: UnixStream,
     receiver: Receiver,
     caller: Caller,
 }
 
-fn serve(listener: &UnixListener, queue: &Sender<Asked>, end: &AtomicBool) {
+fn serve(listener: &UnixListener, queue: &Sender<ClientRequest>, end: &AtomicBool) {
     let mut connections: Vec<Connection> = Vec::new();
     while !end.load(Ordering::Relaxed) {
         let waited = {
             let mut all = vec![PollFd::new(listener, PollFlags::IN)];
             all.extend(connections.iter().map(|c| PollFd::new(&c.socket, PollFlags::IN)));
-            poll(&mut all, Some(&LOOK))
+            poll(&mut all, Some(&POLL))
         };
         if waited.is_err() {
             std::thread::sleep(PAUSE);
@@ -172,7 +171,7 @@ fn serve(listener: &UnixListener, queue: &Sender<Asked>, end: &AtomicBool) {
             Err(error) if error.kind() == io::ErrorKind::WouldBlock => (),
             Err(_) => std::thread::sleep(PAUSE),
         }
-        connections.retain_mut(|connection| connection.hear(queue));
+        connections.retain_mut(|connection| connection.receive(queue));
     }
 }
 
@@ -184,8 +183,8 @@ impl Connection {
         Ok(Self { socket, receiver: Receiver::new(), caller })
     }
 
-    /// Takes what has come; `false` when the caller has gone.
-    fn hear(&mut self, queue: &Sender<Asked>) -> bool {
+    /// Reads what has arrived; returns false when the client has closed the connection.
+    fn receive(&mut self, queue: &Sender<ClientRequest>) -> bool {
         let mut bytes = [0; 1024];
         let count = match self.socket.read(&mut bytes) {
             Ok(0) => return false,
@@ -202,7 +201,7 @@ impl Connection {
                     continue;
                 }
                 let (caller, payload) = (self.caller.clone(), payload.to_vec());
-                if queue.send(Asked { caller, id, payload }).is_err() {
+                if queue.send(ClientRequest { caller, id, payload }).is_err() {
                     return false;
                 }
             }

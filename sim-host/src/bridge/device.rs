@@ -1,4 +1,4 @@
-//! The controller at the end of the line: found, begun with, and found again.
+//! The controller at the end of the line: its connection, its session, and reconnection.
 
 use std::fmt;
 use std::time::{Duration, Instant};
@@ -13,52 +13,52 @@ use leg_process::Stop;
 use super::BridgeError;
 use super::report::ControllerCounts;
 
-/// Between two tries to open the line again: the first, and the longest.
+/// First and longest pause between two tries to open the line again.
 const BACK_OFF: Duration = Duration::from_millis(10);
 const BACK_OFF_MAX: Duration = Duration::from_millis(500);
-/// How long a controller that is left may take to say that it stands idle.
-const FAREWELL: Duration = Duration::from_millis(300);
+/// How long to wait for the controller to confirm that it is idle.
+const IDLE_TIMEOUT: Duration = Duration::from_millis(300);
 
-/// What opens the line, as often as it takes.
-pub type Dial = Box<dyn FnMut() -> Result<Box<dyn ByteStream>, OpenError>>;
+/// Opens the line; called again for each reconnection.
+pub type Connector = Box<dyn FnMut() -> Result<Box<dyn ByteStream>, OpenError>>;
 
 /// What to do when the line breaks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum OnUnplug {
-    /// Open it again, and go on.
+    /// Open it again and continue.
     #[default]
     Reconnect,
-    /// End, with an error.
+    /// End with an error.
     End,
 }
 
-/// On what terms the controller is to run.
+/// The parameters of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RunTerms {
+pub struct RunParams {
     /// Ticks a second, Hz.
     pub rate_hz: u32,
     /// Gravity, m/s2.
     pub gravity_m_s2: f32,
-    /// How ticks come about.
+    /// What makes a tick.
     pub mode: Mode,
 }
 
-/// Something worth a word while the bridge goes on.
+/// An event to report while the bridge runs.
 #[derive(Clone, Debug)]
 pub enum Notice {
     /// The simulator is still missing.
     Waiting(String),
-    /// The line broke, and is being opened again.
+    /// The line broke and is being opened again.
     Unplugged(String),
-    /// It is open again, and the run goes on where it was.
+    /// The line is open again and the run continues.
     Back(Duration),
-    /// The controller had been reset: it began anew in the middle of the run.
+    /// The controller was reset in the middle of the run.
     Rebooted,
-    /// It says that something is wrong.
+    /// The controller has sent an alarm.
     Alarm(Alarm),
-    /// It has no policy: every command will be the safe one.
+    /// The controller has no policy: every command will be the safe one.
     NoPolicy,
-    /// Its policy, of this name, was trained for another leg.
+    /// The policy of this name was trained for another leg.
     OtherLeg(String),
 }
 
@@ -74,93 +74,93 @@ impl fmt::Display for Notice {
             }
             Self::Rebooted => f.write_str(
                 "warning: the controller was reset in the middle of the run; it goes on from its \
-                 safe state, without what it had learnt",
+                 safe state, without the cascade's integral and the density estimate",
             ),
             Self::Alarm(alarm) => write!(f, "warning: the controller: {alarm}"),
             Self::NoPolicy => f.write_str(
-                "warning: the controller has no policy and answers by the safe command; bring one \
-                 by `controller policy upload`",
+                "warning: the controller has no policy and answers with the safe command; upload one \
+                 with `controller policy upload`",
             ),
             Self::OtherLeg(policy) => write!(
                 f,
                 "warning: the policy {policy} was trained for another leg than the simulator \
-                 plays; it runs all the same, `controller policy upload` brings another"
+                 plays; it runs all the same, `controller policy upload` replaces it"
             ),
         }
     }
 }
 
 /// What receives the notices of the bridge.
-pub type Tell = Box<dyn FnMut(&Notice)>;
+pub type NoticeSink = Box<dyn FnMut(&Notice)>;
 
-/// The controller, and how to reach it.
-pub(super) struct Target {
+/// The controller, and how to connect to it.
+pub(super) struct Device {
     pub(super) client: Client,
-    pub(super) who: DeviceIdentity,
+    pub(super) identity: DeviceIdentity,
     pub(super) reconnects: u64,
     pub(super) reboots: u64,
-    /// Of the line when the run began, or the controller began anew.
+    /// The counts when the run began, or when the controller was reset.
     base: ControllerCounts,
-    dial: Dial,
-    tell: Tell,
-    terms: RunTerms,
+    connect: Connector,
+    on_notice: NoticeSink,
+    params: RunParams,
     session: u32,
     on_unplug: OnUnplug,
     patience: Duration,
     stop: Stop,
 }
 
-impl Target {
-    /// Opens the line, and finds out who is there.
+impl Device {
+    /// Opens the line and identifies the controller.
     pub(super) fn find(
-        mut dial: Dial,
-        tell: Tell,
-        terms: RunTerms,
+        mut connect: Connector,
+        on_notice: NoticeSink,
+        params: RunParams,
         on_unplug: OnUnplug,
         patience: Duration,
         stop: &Stop,
     ) -> Result<Self, BridgeError> {
-        let mut client = Client::new(dial()?, stop);
-        let who = client.identify(HELLO_PATIENCE)?;
+        let mut client = Client::new(connect()?, stop);
+        let identity = client.identify(HELLO_PATIENCE)?;
         let base = ControllerCounts::default();
         let (reconnects, reboots) = (0, 0);
-        let mut target = Self {
+        let mut device = Self {
             client,
-            who,
+            identity,
             reconnects,
             reboots,
             base,
-            dial,
-            tell,
-            terms,
+            connect,
+            on_notice,
+            params,
             session: random_u32(),
             on_unplug,
             patience,
             stop: stop.clone(),
         };
-        target.check()?;
-        Ok(target)
+        device.check()?;
+        Ok(device)
     }
 
-    /// Whether its messages are ours, and whether it has a policy.
+    /// Checks the wire version, and whether the controller has a policy.
     fn check(&mut self) -> Result<(), BridgeError> {
-        let theirs = self.who.wire_version;
+        let theirs = self.identity.wire_version;
         if theirs != WIRE_VERSION {
             return Err(BridgeError::WireVersion { theirs });
         }
-        if self.who.policy.is_none() {
+        if self.identity.policy.is_none() {
             self.notice(&Notice::NoPolicy);
         }
         Ok(())
     }
 
     pub(super) fn notice(&mut self, notice: &Notice) {
-        (self.tell)(notice);
+        (self.on_notice)(notice);
     }
 
-    /// Begins a run. Whatever the controller did before is forgotten.
+    /// Begins a session; the controller forgets the one before.
     pub(super) fn begin(&mut self) -> Result<(), ClientError> {
-        let RunTerms { rate_hz, gravity_m_s2, mode } = self.terms;
+        let RunParams { rate_hz, gravity_m_s2, mode } = self.params;
         let session = self.session;
         self.client.have_done(&Request::Reset { session, rate_hz, gravity_m_s2 })?;
         self.base = self.counts()?;
@@ -172,12 +172,12 @@ impl Target {
         Ok(ControllerCounts { line, run: run.counts, device })
     }
 
-    /// Whether `who` is in our run.
-    pub(super) fn is_in_our_run(&self, who: &DeviceIdentity) -> bool {
-        who.session == Some(self.session) && who.mode == self.terms.mode
+    /// Returns whether the controller is in this session.
+    pub(super) fn is_in_our_run(&self, identity: &DeviceIdentity) -> bool {
+        identity.session == Some(self.session) && identity.mode == self.params.mode
     }
 
-    /// After it was found to be in another run, or in none.
+    /// Begins the session again on a controller that is in another one, or in none.
     pub(super) fn begin_again(
         &mut self,
         still_wanted: impl FnMut() -> Result<(), LinkError>,
@@ -190,8 +190,7 @@ impl Target {
         }
     }
 
-    /// After the line broke: opens it again and sees to it that the run is on,
-    /// or says that there is nothing to be done. Any other error is passed on.
+    /// Opens a broken line again and restores the session. Returns any other error.
     pub(super) fn recover(
         &mut self,
         cause: ClientError,
@@ -238,10 +237,10 @@ impl Target {
     }
 
     fn try_again(&mut self, left: Duration) -> Result<(), BridgeError> {
-        let stream = (self.dial)()?;
+        let stream = (self.connect)()?;
         self.client.replace_stream(stream);
-        self.who = self.client.identify(left.min(HELLO_PATIENCE))?;
-        if !self.is_in_our_run(&self.who) {
+        self.identity = self.client.identify(left.min(HELLO_PATIENCE))?;
+        if !self.is_in_our_run(&self.identity) {
             self.check()?;
             self.begin()?;
             self.reboots += 1;
@@ -250,34 +249,33 @@ impl Target {
         Ok(())
     }
 
-    /// The controller's own figures, of this run, and who it is by now; then it
-    /// stands idle.
+    /// Ends the session: returns the controller's counts of this run, and leaves it idle.
     pub(super) fn finish(&mut self) -> Result<ControllerCounts, ClientError> {
-        let mut figures = self.counts()?;
-        self.who = self.client.identify(HELLO_PATIENCE)?;
+        let mut counts = self.counts()?;
+        self.identity = self.client.identify(HELLO_PATIENCE)?;
         self.client.have_done(&Request::SetMode(Mode::Idle))?;
-        // Those of the line and the board count from power-up.
+        // The counts of line and board run from power-up.
         let base = &self.base;
         for (count, before) in [
-            (&mut figures.line.frames, base.line.frames),
-            (&mut figures.line.crc_errors, base.line.crc_errors),
-            (&mut figures.line.malformed, base.line.malformed),
-            (&mut figures.line.oversize, base.line.oversize),
-            (&mut figures.line.version, base.line.version),
-            (&mut figures.line.unknown, base.line.unknown),
-            (&mut figures.line.resyncs, base.line.resyncs),
-            (&mut figures.device.unsent, base.device.unsent),
-            (&mut figures.device.lost_bytes, base.device.lost_bytes),
+            (&mut counts.line.frames, base.line.frames),
+            (&mut counts.line.crc_errors, base.line.crc_errors),
+            (&mut counts.line.malformed, base.line.malformed),
+            (&mut counts.line.oversize, base.line.oversize),
+            (&mut counts.line.version, base.line.version),
+            (&mut counts.line.unknown, base.line.unknown),
+            (&mut counts.line.resyncs, base.line.resyncs),
+            (&mut counts.device.unsent, base.device.unsent),
+            (&mut counts.device.lost_bytes, base.device.lost_bytes),
         ] {
             *count = count.saturating_sub(before);
         }
-        Ok(figures)
+        Ok(counts)
     }
 
-    /// After a failure: has it stand idle if it still hears, so that the leg is
+    /// Sets the controller idle after a failure, if it still answers, so that the leg is
     /// left in the safe command.
     pub(super) fn leave(&mut self) {
         self.client.disregard_stop();
-        let _ = self.client.request(&Request::SetMode(Mode::Idle), FAREWELL);
+        let _ = self.client.request(&Request::SetMode(Mode::Idle), IDLE_TIMEOUT);
     }
 }
