@@ -164,9 +164,8 @@ impl CliError {
     fn hint(&self) -> Option<String> {
         match self {
             Self::Connect(error) => hint::connect_error(error),
-            Self::Link(error) | Self::Serve(ServeError::Link { cause: error, .. }) => {
-                hint::link_error(error)
-            }
+            Self::Link(error) => hint::link_error(error),
+            Self::Serve(error) => hint::serve_error(error),
             _ => None,
         }
     }

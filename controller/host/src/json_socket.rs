@@ -1,10 +1,8 @@
-//! JSON requests to a running process, beside its loop: what the simulator answers.
+//! JSON requests to a running process over a unix socket, answered beside its loop.
 //!
-//! A process may keep a unix socket in its domain's folder. A caller writes one request, a line of JSON, and reads one answer, a line of
-//! JSON; then both hang up. A thread of its own serves one caller after the
-//! other, so the loop takes no part.
-//!
-//! The requests are the business of each program.
+//! The socket lies in the folder of the domain. A client writes one request, a line of JSON,
+//! and reads one answer, a line of JSON; then both close the connection. A thread serves one
+//! client after the other, so the loop takes no part. Each program defines its requests.
 
 use std::fmt::Display;
 use std::io::{self, ErrorKind, Read, Write};
@@ -25,78 +23,74 @@ use super::discovery::{Domain, DomainError, other_users, other_users_note};
 use super::link::Role;
 use super::socket::{SocketError, SocketFile};
 
-/// Longest request and longest answer, bytes: a policy of 1 MiB in text, and some.
+/// Longest request and longest answer, bytes.
 pub const MAX_LINE: usize = 4 << 20;
-/// Within this time a caller has asked and has read the answer, or is hung up on.
+/// A client must send its request and read the answer within this time.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// Between two looks whether the socket closes.
+/// How often the thread checks whether to end.
 const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
 
-/// What goes back over the socket: the answer, or why there is none.
+/// What the socket returns: the answer, or the reason of a refusal.
 type Answer = Result<Value, String>;
 
-/// Why a question was not answered.
+/// Why a request was not answered.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum AskError {
-    /// The name of the domain is unfit.
+    /// The name of the domain is not valid.
     #[error(transparent)]
     Domain(#[from] DomainError),
-    /// Nobody plays that role there.
-    #[error(
-        "no {role} is running in domain `{domain}`{}; start one with `{} --domain {domain}`, or name another --domain",
-        other_users_note(other_users),
-        crate::cli::hint::start_command(*role)
-    )]
+    /// No process has that role in the domain.
+    #[error("no {role} is running in domain `{domain}`{}", other_users_note(other_users))]
     Nobody {
-        /// Which role.
+        /// The role.
         role: Role,
-        /// Where.
+        /// The domain.
         domain: String,
         /// Other users with domains in the same place.
         other_users: Vec<u32>,
     },
-    /// It did not answer in time.
+    /// The process did not answer in time.
     #[error("the {role} in domain `{domain}` has not answered for {:.1} s; is it stopped?", waited.as_secs_f64())]
     Silent {
-        /// Which role.
+        /// The role.
         role: Role,
-        /// Where.
+        /// The domain.
         domain: String,
-        /// For so long.
+        /// Time waited.
         waited: Duration,
     },
-    /// It will not; in its own words.
+    /// The process refuses, with this reason.
     #[error("{0}")]
     Refused(String),
-    /// The request cannot be put into a line, or is too long for one.
+    /// The request is not valid JSON, or longer than the limit.
     #[error("the request is {0} bytes long; the limit is {MAX_LINE}")]
     TooLong(usize),
-    /// What came back is no answer to the question.
+    /// The answer is not of the expected type.
     #[error(
         "the {role} in domain `{domain}` answers what this program cannot read ({cause}); build both from the same release"
     )]
     Unreadable {
-        /// Which role.
+        /// The role.
         role: Role,
-        /// Where.
+        /// The domain.
         domain: String,
         /// What is wrong with it.
         cause: String,
     },
-    /// The system refused.
+    /// The system call failed.
     #[error("cannot ask the {role} at {}: {cause}", path.display())]
     Io {
-        /// Which role.
+        /// The role.
         role: Role,
-        /// Its socket.
+        /// The socket.
         path: PathBuf,
-        /// What the system says.
+        /// The error of the system.
         cause: io::Error,
     },
 }
 
-/// Where the player of `role` is asked.
+/// Returns the path of the socket of `role`.
 fn path(root: &Path, role: Role) -> PathBuf {
     root.join(format!("{}.sock", role.as_str()))
 }
@@ -112,13 +106,12 @@ pub struct JsonSocket {
 }
 
 impl JsonSocket {
-    /// Opens the socket of `role`, which this process plays, in place of one that
-    /// a killed predecessor left. `answer` hears every request that can be
-    /// read, on a thread of its own; an `Err` of it goes to the asker,
-    /// as [`AskError::Refused`].
+    /// Opens the socket of `role`, which this process must have; replaces one that a killed
+    /// process left. `answer` receives every valid request, on a thread of its own; its `Err`
+    /// is returned to the client as [`AskError::Refused`].
     ///
     /// # Errors
-    /// [`SocketError`] when the socket cannot be had.
+    /// [`SocketError`] when the socket cannot be bound.
     pub fn open<Q: DeserializeOwned, R: Serialize>(
         domain: &Arc<Domain>,
         role: Role,
@@ -145,7 +138,7 @@ impl JsonSocket {
 
 impl Drop for JsonSocket {
     fn drop(&mut self) {
-        // While somebody listens there nobody else does: it is ours that is removed.
+        // As long as this process listens there, the file is its own, and may be removed.
         drop(self.file.take());
         self.end.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
@@ -157,7 +150,7 @@ impl Drop for JsonSocket {
 fn serve(listener: &UnixListener, end: &AtomicBool, mut answer: impl FnMut(&[u8]) -> Answer) {
     while !end.load(Ordering::Relaxed) {
         match listener.accept() {
-            // A caller that fails us is its own loss.
+            // An error on a client's connection concerns that client only.
             Ok((socket, _)) => drop(attend(socket, &mut answer)),
             Err(error) if error.kind() == ErrorKind::WouldBlock => {
                 let _ = poll(&mut [PollFd::new(listener, PollFlags::IN)], Some(&LOOK));
@@ -167,7 +160,7 @@ fn serve(listener: &UnixListener, end: &AtomicBool, mut answer: impl FnMut(&[u8]
     }
 }
 
-/// One caller, from its request to its answer.
+/// Serves one client, from its request to its answer.
 fn attend(mut socket: UnixStream, answer: &mut impl FnMut(&[u8]) -> Answer) -> io::Result<()> {
     socket.set_nonblocking(false)?;
     let deadline = Instant::now() + PATIENCE;
@@ -180,7 +173,7 @@ fn attend(mut socket: UnixStream, answer: &mut impl FnMut(&[u8]) -> Answer) -> i
     socket.shutdown(Shutdown::Both)
 }
 
-/// The next line, without its end.
+/// Reads the next line, without its end.
 fn read_line(socket: &mut UnixStream, deadline: Instant) -> io::Result<Vec<u8>> {
     let mut line = Vec::new();
     let mut room = [0; 4096];
@@ -211,17 +204,17 @@ fn write_line(socket: &mut UnixStream, line: &[u8], deadline: Instant) -> io::Re
     Ok(())
 }
 
-/// The time until `deadline`; an error once it is over.
+/// Returns the time until `deadline`; an error once it is over.
 fn left(deadline: Instant) -> io::Result<Duration> {
     let left = deadline.saturating_duration_since(Instant::now());
     if left.is_zero() { Err(ErrorKind::TimedOut.into()) } else { Ok(left) }
 }
 
-/// Asks the player of `role` in `domain` and waits for its answer, at most for
-/// `timeout`.
+/// Sends a request to the process with `role` in `domain` and waits for the answer, at most
+/// for `timeout`.
 ///
 /// # Errors
-/// [`AskError`]: nobody is there, or will not answer, or not in time.
+/// [`AskError`]: no such process, a refusal, or no answer in time.
 pub fn ask<Q: Serialize, R: DeserializeOwned>(
     domain: &str,
     role: Role,

@@ -1,5 +1,4 @@
-//! The control loop in lock-step: a command for every sample, until the leg
-//! says that its run is over.
+//! The control loop in lock-step: a command for every sample, until the leg ends its run.
 
 use std::fmt;
 use std::time::{Duration, Instant};
@@ -12,36 +11,35 @@ use leg_control::wire::{Command, Sample};
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ServeError {
-    /// The link is broken, or the leg gone.
+    /// The link broke, or the leg is gone.
     #[error("after {ticks} ticks: {cause}")]
     Link {
         /// Samples answered until then.
         ticks: u64,
-        /// What happened.
+        /// The cause.
         cause: LinkError,
     },
-    /// The leg is there, but sends nothing.
+    /// The leg lives but sends nothing.
     #[error(
-        "after {ticks} ticks: the {role} lives but has sent nothing for {waited_s} s; is it stopped? --timeout sets the patience",
+        "after {ticks} ticks: the {role} lives but has sent nothing for {waited_s} s; is it stopped?",
         role = Role::Leg
     )]
     Silent {
         /// Samples answered until then.
         ticks: u64,
-        /// How long, s.
+        /// Time waited, s.
         waited_s: f64,
     },
 }
 
-/// A leg that is silent for so long is worth a word.
+/// A silence of this length is reported.
 const SAY_AFTER: Duration = Duration::from_secs(1);
 
-/// Answers every sample by `law`, until a sample that
-/// [ends the run](Sample::ends_the_run). Returns
-/// how many it answered.
+/// Answers every sample by `law`, until a sample
+/// [ends the run](Sample::ends_the_run). Returns the number of samples answered.
 ///
 /// # Errors
-/// [`ServeError`] when the leg goes without that, or is silent for `timeout`.
+/// [`ServeError`] when the leg leaves before that, or is silent for `timeout`.
 pub fn serve(
     link: &mut impl ControllerLink,
     timeout: Duration,
@@ -50,8 +48,8 @@ pub fn serve(
     serve_patiently(link, Some(timeout), law, |_| ())
 }
 
-/// As [`serve`]; without a `timeout`, a silent leg is waited for as long as it
-/// lives. `tell` hears of a silence once, and when it is over.
+/// As [`serve`]; without a `timeout`, waits for a silent leg as long as it lives. `tell`
+/// receives the beginning and the end of a silence.
 ///
 /// # Errors
 /// As [`serve`].
@@ -80,12 +78,12 @@ pub fn serve_patiently(
     }
 }
 
-/// A leg that lives and says nothing, in the middle of its run.
+/// A silence of a leg that lives, in the middle of its run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Silence {
-    /// For so long, until now.
+    /// The silence so far.
     Lasts(Duration),
-    /// It is over, after so long.
+    /// The silence is over; its length.
     Over(Duration),
 }
 
@@ -105,7 +103,7 @@ impl fmt::Display for Silence {
     }
 }
 
-/// The next sample; `None` when none has come for `timeout`.
+/// Returns the next sample; `None` when none has arrived for `timeout`.
 fn next(
     link: &mut impl ControllerLink,
     timeout: Option<Duration>,
@@ -113,7 +111,7 @@ fn next(
     tell: &mut impl FnMut(&Silence),
 ) -> Result<Option<Sample>, LinkError> {
     let wait = timeout.unwrap_or(SAY_AFTER).min(SAY_AFTER);
-    // The clock is looked at when the first wait is over: most samples come at once.
+    // The clock is read when the first wait is over: most samples arrive at once.
     if let Some(sample) = link.receive(wait)? {
         return Ok(Some(sample));
     }

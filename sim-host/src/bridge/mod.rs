@@ -72,10 +72,10 @@ pub enum BridgeError {
     /// The simulator is gone while the line is being opened again.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// The controller does not answer any more.
+    /// The controller does not answer.
     #[error(
         "after {ticks} ticks: the controller has not answered for {waited_s:.1} s, though the line \
-         is open; is it stopped, or live without a timer? --timeout sets the patience"
+         is open; is it stopped, or live without a timer?"
     )]
     NoAnswer {
         /// Samples answered until then.
@@ -83,19 +83,19 @@ pub enum BridgeError {
         /// How long, s.
         waited_s: f64,
     },
-    /// The line broke, and was not to be opened again.
-    #[error("{0} (--on-unplug reconnect would wait for it)")]
+    /// The line broke and is not to be opened again.
+    #[error("{0}")]
     Unplugged(ClientError),
-    /// The line broke, and was not open again in time.
-    #[error("the line was not back after {:.1} s: {last}; --timeout sets the patience", waited.as_secs_f64())]
+    /// The line broke and could not be opened again in time.
+    #[error("the line was not back after {:.1} s: {last}", waited.as_secs_f64())]
     NotBack {
         /// For so long.
         waited: Duration,
         /// The error of the last try.
         last: Box<BridgeError>,
     },
-    /// The socket for others cannot be had.
-    #[error("--share: {0}")]
+    /// The socket for clients cannot be bound.
+    #[error(transparent)]
     RequestMux(#[from] SocketError),
 }
 

@@ -1,9 +1,9 @@
 //! What the user can do about an error: the command-line options that help.
 
 use leg_host::LinkError;
-use leg_host::cli::hint::{self, connect_error, domain_error, link_error};
+use leg_host::cli::hint::{self, ask_error, connect_error, domain_error, link_error, serve_error};
 use leg_host::discovery::DomainError;
-use leg_host::serve::ServeError;
+use leg_host::json_socket::AskError;
 use leg_host::shm::ConnectError;
 
 use crate::bridge::BridgeError;
@@ -27,9 +27,15 @@ fn hint_on(error: &anyhow::Error) -> Option<String> {
     if let Some(error) = error.downcast_ref::<BridgeError>() {
         return match error {
             BridgeError::Connect(cause) => connect_error(cause),
-            BridgeError::Link(cause) | BridgeError::Simulator(ServeError::Link { cause, .. }) => {
-                link_error(cause)
+            BridgeError::Link(cause) => link_error(cause),
+            BridgeError::Simulator(cause) => serve_error(cause),
+            BridgeError::NoAnswer { .. } | BridgeError::NotBack { .. } => {
+                Some("--timeout sets how long to wait".to_owned())
             }
+            BridgeError::Unplugged(_) => {
+                Some("--on-unplug reconnect waits for the line".to_owned())
+            }
+            BridgeError::RequestMux(_) => Some("--share names the socket".to_owned()),
             _ => None,
         };
     }
@@ -37,6 +43,7 @@ fn hint_on(error: &anyhow::Error) -> Option<String> {
         .or_else(|| error.downcast_ref::<DomainError>().and_then(domain_error))
         .or_else(|| error.downcast_ref::<LinkError>().and_then(link_error))
         .or_else(|| error.downcast_ref::<SessionError>().and_then(session_error))
+        .or_else(|| error.downcast_ref::<AskError>().and_then(ask_error))
 }
 
 fn session_error(error: &SessionError) -> Option<String> {

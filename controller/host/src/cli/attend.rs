@@ -1,4 +1,4 @@
-//! The controller process: run after run, for whoever comes.
+//! The controller process: serves one run after the other.
 
 use std::time::Duration;
 
@@ -18,14 +18,14 @@ use leg_control::config::Config;
 use leg_process::Stop;
 use leg_process::policy_file::PolicyFile;
 
-/// Attends to legs, one after the other.
+/// Serves the runs of legs, one after the other.
 pub(super) struct Attendant {
-    // Before the link, and so gone before the role is given up.
+    // Declared before the link, so that it is dropped before the role is given up.
     _background: Background,
     pub(super) link: ShmController,
     pub(super) node: NodeLoop,
     pub(super) stop: Stop,
-    /// For a leg that is missing or silent; `None` is without end.
+    /// How long to wait for a missing or silent leg; `None` is without limit.
     pub(super) patience: Option<Duration>,
     pub(super) once: bool,
     has_said_missing: bool,
@@ -33,8 +33,8 @@ pub(super) struct Attendant {
     farewell: Option<u32>,
 }
 
-/// Runs the controller: until a signal ends it or, with `--once`, for one run.
-/// `tell` hears what each run has come to; in real time, all of them.
+/// Runs the controller: until a signal ends it or, with `--once`, for one run. `tell`
+/// receives the summary of each run; in real time, of all of them.
 pub(super) fn run(args: &Args, tell: impl FnMut(&Summary)) -> Result<(), CliError> {
     let figures = LatestReport::default();
     let attendant = Attendant::begin(args, &figures)?;
@@ -80,7 +80,7 @@ impl Attendant {
             link,
             node,
             stop,
-            // One that stays waits as long as it takes, unless it is told how long.
+            // Without --once the process waits without limit, unless a limit is given.
             patience: if args.once { Some(args.meeting.timeout()) } else { args.meeting.timeout },
             once: args.once,
             has_said_missing: false,
@@ -88,7 +88,7 @@ impl Attendant {
         })
     }
 
-    /// In lock-step.
+    /// Serves runs in lock-step.
     fn attend(mut self, mut tell: impl FnMut(&Summary)) -> Result<(), CliError> {
         loop {
             match self.wait() {
@@ -115,7 +115,7 @@ impl Attendant {
                 Err(ServeError::Link { ticks, cause })
                     if !self.once && cause.lost_peer().is_some() =>
                 {
-                    // One whose run is over has said so before.
+                    // The end of a run was reported before.
                     if cause.lost_peer() != self.farewell {
                         let message = with_hint(&cause, hint::link_error(&cause));
                         say(format_args!("after {ticks} ticks: {message}; waiting for the next"));
@@ -127,7 +127,7 @@ impl Attendant {
         }
     }
 
-    /// Until a leg is there.
+    /// Waits until a leg is connected.
     pub(super) fn wait(&mut self) -> Result<(), ConnectError> {
         let (said, node) = (&mut self.has_said_missing, &mut self.node);
         let peer = self.link.wait_for_peer(self.patience, |missing| {
@@ -138,7 +138,7 @@ impl Attendant {
             }
             true
         })?;
-        // The next time it is somebody's second run: he knows how.
+        // The hint is printed once only.
         *said = true;
         let warning = self
             .node
@@ -150,7 +150,7 @@ impl Attendant {
         Ok(())
     }
 
-    /// One run of the leg that is there.
+    /// Serves one run.
     fn serve(&mut self) -> Result<Summary, ServeError> {
         let node = &mut self.node;
         let mut apexes = 0;
@@ -164,7 +164,7 @@ impl Attendant {
     }
 }
 
-/// Returns what a run came to.
+/// Returns the summary of a run.
 pub(super) fn summary(node: &NodeLoop, ticks: u64, apexes: u32) -> Summary {
     let controller = node.controller();
     let policy = controller.map(|controller| controller.policy().manifest().name.to_owned());

@@ -54,7 +54,7 @@ impl Background {
                 if let Some(reload) = &reload {
                     reload.look(&server, &stop);
                 }
-                // The lock is not held while something is said.
+                // The lock is released before anything is printed.
                 let news = lock(&server).news();
                 if let Some(news) = news {
                     say(news);

@@ -7,8 +7,10 @@
 use std::fmt::Display;
 
 use crate::discovery::DomainError;
+use crate::json_socket::AskError;
 use crate::link::{LinkError, Role, TimeMode};
 use crate::reconnect::LinkEvent;
+use crate::serve::ServeError;
 use crate::shm::{ConnectError, MissingPeer, PeerEvent};
 
 /// Joins a message and a hint, if there is one.
@@ -81,6 +83,28 @@ pub fn link_error(error: &LinkError) -> Option<String> {
                 None => timeout.to_owned(),
             })
         }
+        _ => None,
+    }
+}
+
+/// Returns the hint on an error of the control loop in lock-step.
+#[must_use]
+pub fn serve_error(error: &ServeError) -> Option<String> {
+    match error {
+        ServeError::Link { cause, .. } => link_error(cause),
+        ServeError::Silent { .. } => Some("--timeout sets how long to wait".to_owned()),
+    }
+}
+
+/// Returns the hint on an error of a request to a running process.
+#[must_use]
+pub fn ask_error(error: &AskError) -> Option<String> {
+    match error {
+        AskError::Domain(cause) => domain_error(cause),
+        AskError::Nobody { role, domain, .. } => Some(format!(
+            "start one with `{} --domain {domain}`, or name another --domain",
+            start_command(*role)
+        )),
         _ => None,
     }
 }

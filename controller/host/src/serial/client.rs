@@ -1,8 +1,8 @@
-//! Talks to a flashed controller: says each message until it is answered.
+//! The client of a control node: sends requests and samples and receives the answers.
 //!
-//! Samples and requests are two exchanges side by side, each with at most one
-//! message unanswered. What is not answered in time, or answered by a damaged
-//! frame, is said again with its number, and the controller does nothing twice.
+//! Samples and requests are two independent exchanges, each with at most one unanswered
+//! message. A message that is not answered in time, or answered by a damaged frame, is
+//! retransmitted under the same number; the node executes nothing twice.
 
 use std::io;
 use std::time::{Duration, Instant};
@@ -21,122 +21,121 @@ use leg_control::serial::message::{
 use leg_control::wire::{Command, Sample};
 use leg_process::Stop;
 
-/// How long to say hello: the first byte may be lost, and an emulator needs a while to boot.
+/// Longest wait for the first reply: a first byte may be lost, and an emulator takes a while to boot.
 pub const HELLO_PATIENCE: Duration = Duration::from_secs(3);
-/// How long to wait for the answer to any other request.
+/// Longest wait for the reply to any other request.
 pub const REQUEST_PATIENCE: Duration = Duration::from_secs(3);
-/// Longest wait at the line before looking whether to stop.
+/// Longest wait on the line before the stop flag is checked.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Why the controller could not be talked to, or would not.
+/// Why a request failed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ClientError {
-    /// The stream is gone.
+    /// The stream broke.
     #[error("the line to the controller broke: {0}; is the board unplugged, the emulator ended?")]
     Line(#[from] io::Error),
-    /// Nothing came at all.
+    /// Nothing arrived.
     #[error(
-        "nobody has answered for {:.1} s: is the board powered, the --baud right, the port not \
+        "no answer for {:.1} s: is the board powered, the baud rate right, the port not \
          taken by another program?",
         waited.as_secs_f64()
     )]
     Silent {
-        /// For so long.
+        /// Time waited.
         waited: Duration,
     },
-    /// Something came, nothing that could be read.
+    /// Frames arrived, but none was good.
     #[error(
-        "only noise has come for {:.1} s ({bad} damaged frames): is the --baud right, the cable \
+        "only noise has come for {:.1} s ({bad} damaged frames): is the baud rate right, the cable \
          good?",
         waited.as_secs_f64()
     )]
     Noise {
-        /// For so long.
+        /// Time waited.
         waited: Duration,
-        /// Frames that were none.
+        /// Damaged frames.
         bad: u32,
     },
-    /// It speaks another version of the protocol.
+    /// The controller uses another protocol version.
     #[error(
-        "the controller speaks version {theirs} of the protocol, this program version \
-         {PROTOCOL_VERSION}; flash a firmware of this release, or use the program of that one"
+        "the controller uses protocol version {theirs}, this program {PROTOCOL_VERSION}; flash the \
+         firmware of this release, or use the program of that one"
     )]
     ProtocolVersion {
-        /// The controller's.
+        /// The version of the controller.
         theirs: u8,
     },
-    /// It would not.
+    /// The controller refuses the request.
     #[error("the controller refuses: {0}")]
     Refused(RequestError),
-    /// It says something else than what it was asked.
+    /// The reply is of another kind than the request.
     #[error(
         "the controller answers something else than what it was asked; build both from the same release"
     )]
     WrongReply,
-    /// The program broke off there.
+    /// The controller has crashed.
     #[error("the controller has raised an alarm: {0}")]
     Alarm(Alarm),
-    /// This process was told to stop, by a signal.
+    /// A signal asked this process to stop.
     #[error("stopped by a signal")]
     Stopped,
 }
 
 impl ClientError {
-    /// Whether the stream itself is gone, so that another may serve.
+    /// Returns whether the stream broke, so that another one may work.
     #[must_use]
     pub fn is_unplugged(&self) -> bool {
         matches!(self, Self::Line(_))
     }
 }
 
-/// What went over the line, counted here.
+/// Counters of this client.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
-    /// Frames sent, those sent again included.
+    /// Frames sent, retransmissions included.
     pub frames_out: u64,
-    /// Samples answered, each by its command.
+    /// Samples answered by their command.
     pub commands: u64,
-    /// Samples said again.
+    /// Samples retransmitted.
     pub sample_retries: u64,
     /// Requests answered.
     pub replies: u64,
-    /// Requests said again.
+    /// Requests retransmitted.
     pub request_retries: u64,
     /// Commands for a sample that was answered before.
     pub repeats: u64,
-    /// Commands and replies to what nobody waits for any more.
+    /// Commands and replies that nothing waits for.
     pub stale: u64,
 }
 
-/// What came.
+/// What arrived from the node.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Received {
     /// Nothing new in that time.
     Nothing,
-    /// A command for a sample that was posted, and for none older than that of
-    /// the command before.
+    /// A command for a posted sample, not older than that of the command before.
     Command {
-        /// Number of its sample.
+        /// Sequence number of the sample.
         seq: u32,
         /// The command.
         command: Command,
-        /// Whether the command before was for the same sample: an answer given
-        /// twice or, live, the next tick's without a new sample.
+        /// Whether the command before was for the same sample: a repeated answer or, in live
+        /// mode, that of the next tick without a new sample.
         again: bool,
     },
-    /// The reply to the request posted last; it is at [`Client::reply`].
+    /// The reply to the request posted last; [`Client::reply`] returns it.
     Reply,
     /// An alarm.
     Alarm(Alarm),
 }
 
-/// The turns of which a command is taken.
+/// The sequence numbers for which a command is accepted.
 #[derive(Clone, Copy, Debug)]
 struct OpenRange {
-    /// That of the last command; at first, of the first sample.
+    /// The number of the last command; at first, of the first sample.
     from: u32,
-    /// That of the newest sample.
+    /// The number of the newest sample.
     to: u32,
     /// Whether there has been a command for `from`.
     answered: bool,
@@ -149,7 +148,7 @@ impl OpenRange {
     }
 }
 
-/// The host's end of the line.
+/// A client over one stream.
 pub struct Client {
     line: Line,
     sample: Option<Pending>,
@@ -161,14 +160,14 @@ pub struct Client {
     answered_request: Option<Answered>,
     next_id: u32,
     counts: Counts,
-    /// The protocol version of frames that came and were of another one.
+    /// The protocol version of frames that were of another version.
     foreign: Option<u8>,
     stop: Stop,
 }
 
 impl Client {
-    /// Over an open stream, nothing said yet. Waits end early, by
-    /// [`ClientError::Stopped`], when `stop` is raised.
+    /// Creates a client over an open stream. Waits end early, with [`ClientError::Stopped`],
+    /// when `stop` is raised.
     #[must_use]
     pub fn new(stream: Box<dyn ByteStream>, stop: &Stop) -> Self {
         Self {
@@ -180,7 +179,7 @@ impl Client {
             request: None,
             request_timer: RetransmitTimer::new(),
             answered_request: None,
-            // The last program's last number must not be this one's first.
+            // The first id must not be the last one of the program before.
             next_id: random_u32(),
             counts: Counts::default(),
             foreign: None,
@@ -188,34 +187,32 @@ impl Client {
         }
     }
 
-    /// Goes on over another stream; what was unanswered is forgotten, the
-    /// counters are not.
+    /// Continues over another stream. Unanswered messages are dropped; counters stay.
     pub fn replace_stream(&mut self, stream: Box<dyn ByteStream>) {
         self.line.replace(stream);
         (self.sample, self.open, self.request) = (None, None, None);
         (self.sample_timer, self.request_timer) = (RetransmitTimer::new(), RetransmitTimer::new());
     }
 
-    /// What was counted since it was made.
+    /// Returns the counters.
     #[must_use]
     pub fn counts(&self) -> &Counts {
         &self.counts
     }
 
-    /// What came over the line since it was made.
+    /// Returns the counters of what arrived.
     #[must_use]
     pub fn line_counts(&self) -> &LineCounts {
         self.line.counts()
     }
 
-    /// From now on waits do not end when the stop is raised: for what has to be
-    /// said before leaving.
+    /// Makes waits ignore the stop flag from now on, for what must still be sent before leaving.
     pub fn disregard_stop(&mut self) {
         self.stop = Stop::default();
     }
 
-    /// Sends a sample, in place of one that is unanswered. Turns ascend. When
-    /// the stream is broken, [`Client::listen`] reports it.
+    /// Sends a sample; it replaces one that is unanswered. Numbers ascend. If the stream is
+    /// broken, [`Client::listen`] reports it.
     pub fn post_sample(&mut self, seq: u32, sample: &Sample) {
         let first = OpenRange { from: seq, to: seq, answered: false };
         self.open = Some(self.open.map_or(first, |open| OpenRange { to: seq, ..open }));
@@ -224,8 +221,8 @@ impl Client {
         send(&mut self.line, pending, &mut self.counts);
     }
 
-    /// Sends a request, in place of one that is unanswered. When the stream is
-    /// broken, [`Client::listen`] reports it.
+    /// Sends a request; it replaces one that is unanswered. If the stream is broken,
+    /// [`Client::listen`] reports it.
     pub fn post_request(&mut self, request: &Request<'_>) {
         let id = self.next_id;
         self.next_id = id.wrapping_add(1);
@@ -234,13 +231,13 @@ impl Client {
         send(&mut self.line, pending, &mut self.counts);
     }
 
-    /// For how long the request posted last has been unanswered.
+    /// Returns for how long the request posted last has been unanswered.
     #[must_use]
     pub fn request_age(&self) -> Option<Duration> {
         self.request.as_ref().map(Pending::age)
     }
 
-    /// The request posted last needs no answer any more.
+    /// Drops the request posted last.
     pub fn drop_request(&mut self) {
         self.request = None;
     }
@@ -285,8 +282,8 @@ impl Client {
         }
     }
 
-    /// A damaged frame. When only one answer is waited for, that was it: no
-    /// need to wait on.
+    /// Handles a damaged frame. If only one answer is due, it was that one, and the message is
+    /// retransmitted at once.
     fn answer_was_damaged(&mut self) {
         let (pending, retries) = match (&mut self.sample, &mut self.request) {
             (Some(sample), None) => (sample, &mut self.counts.sample_retries),
@@ -338,7 +335,7 @@ impl Client {
         Received::Nothing
     }
 
-    /// The reply just [heard](Received::Reply).
+    /// Returns the reply that [`Received::Reply`] has announced.
     #[must_use]
     pub fn reply(&self) -> Option<Reply<'_>> {
         match self.line.message() {
@@ -347,10 +344,10 @@ impl Client {
         }
     }
 
-    /// Asks, and waits for the reply. A sample that was unanswered is forgotten.
+    /// Sends a request and waits for the reply. An unanswered sample is dropped.
     ///
     /// # Errors
-    /// [`ClientError`]; a refusal is one.
+    /// [`ClientError`]; a refusal is [`ClientError::Refused`].
     pub fn request(
         &mut self,
         request: &Request<'_>,
@@ -386,7 +383,7 @@ impl Client {
         }
     }
 
-    /// Asks for something to be done, and waits until it is.
+    /// Sends a request that changes something and waits until it is done.
     ///
     /// # Errors
     /// As [`Client::request`].
@@ -397,8 +394,8 @@ impl Client {
         }
     }
 
-    /// Says hello until somebody answers, at most for `patience`
-    /// ([`HELLO_PATIENCE`] is usual).
+    /// Sends [`Request::Identify`] until it is answered, at most for `patience`
+    /// ([`HELLO_PATIENCE`] is usual); returns the identity.
     ///
     /// # Errors
     /// As [`Client::request`].
@@ -409,7 +406,7 @@ impl Client {
         }
     }
 
-    /// What lies in the two slots: A, then B.
+    /// Returns the contents of the two slots: A, then B.
     ///
     /// # Errors
     /// As [`Client::request`].
@@ -468,13 +465,13 @@ impl Client {
     }
 }
 
-/// Frames that were none, of whatever kind.
+/// Returns the number of bad frames of every kind.
 fn bad_frames(line: &LineCounts) -> u32 {
     line.crc_errors + line.malformed + line.oversize + line.version
 }
 
 fn frame_of(message: &ToController<'_>) -> Vec<u8> {
-    // A chunk is the longest, and `upload` makes none longer than fits.
+    // A chunk is the longest message, and `upload` makes none that does not fit.
     framed(message).unwrap_or_default()
 }
 
@@ -483,10 +480,10 @@ fn send(line: &mut Line, message: &Pending, counts: &mut Counts) {
     counts.frames_out += 1;
 }
 
-/// A number that no other program comes upon at the same time.
+/// Returns a number that differs between programs started at the same time.
 #[must_use]
 pub fn random_u32() -> u32 {
     use std::hash::{BuildHasher, Hasher};
-    // The standard library's maps are seeded by the system.
+    // The standard library seeds its maps from the system.
     std::collections::hash_map::RandomState::new().build_hasher().finish() as u32
 }

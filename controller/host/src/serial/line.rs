@@ -9,17 +9,17 @@ use super::stream::ByteStream;
 use leg_control::serial::frame::{self, FrameError, MAX_FRAME, Receiver, TooLongError};
 use leg_control::serial::message::LineCounts;
 
-/// Bytes taken from the stream at once.
+/// Bytes read from the stream at once.
 const CHUNK: usize = 1024;
 
-/// What ends a wait at the line.
+/// The result of a wait on the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Came {
-    /// No end of a frame.
+    /// No frame is complete.
     Nothing,
-    /// A good frame; its message is at [`Line::message`].
+    /// A good frame; [`Line::message`] returns its message.
     Frame,
-    /// A frame that is none.
+    /// A bad frame.
     Bad(FrameError),
 }
 
@@ -34,7 +34,7 @@ pub(super) struct Line {
     broken: Option<io::Error>,
     receiver: Receiver,
     bytes: Box<[u8; CHUNK]>,
-    /// The part of `bytes` not yet looked at.
+    /// The part of `bytes` that is not decoded yet.
     unread: std::ops::Range<usize>,
 }
 
@@ -49,12 +49,12 @@ impl Line {
         }
     }
 
-    /// Goes on over another stream; counts go on, too.
+    /// Continues over another stream; counters stay.
     pub(super) fn replace(&mut self, stream: Box<dyn ByteStream>) {
         self.stream = stream;
         self.broken = None;
         self.unread = 0..0;
-        // What was cut off stays a frame of its own.
+        // Ends a frame that was cut off.
         self.receiver.push(0);
     }
 
@@ -69,8 +69,8 @@ impl Line {
         }
     }
 
-    /// Waits at most `timeout` for bytes, and reads them up to the end of a
-    /// frame. [`Came::Nothing`] also when what came is not the end of one yet.
+    /// Waits at most `timeout` for bytes and reads them up to the end of a frame. Returns
+    /// [`Came::Nothing`] also when a frame is not complete yet.
     ///
     /// # Errors
     /// When the stream has ended or broken, after everything that arrived
@@ -96,13 +96,12 @@ impl Line {
         Ok(Came::Nothing)
     }
 
-    /// The payload of the frame that came last.
+    /// Returns the payload of the last frame.
     pub(super) fn payload(&self) -> &[u8] {
         self.receiver.payload()
     }
 
-    /// The message of the frame that came last; `None` when it is none that is
-    /// known here.
+    /// Returns the message of the last frame; `None` when it is unknown.
     pub(super) fn message<'a, M: Deserialize<'a>>(&'a self) -> Option<M> {
         frame::decode(self.payload()).ok()
     }
@@ -112,7 +111,7 @@ impl Line {
     }
 }
 
-/// A message as it goes over the line.
+/// Encodes a message as a frame.
 ///
 /// # Errors
 /// [`TooLongError`].

@@ -1,27 +1,26 @@
-//! Saying a message again until it is answered.
+//! Retransmission of a message until it is answered.
 
 use std::time::{Duration, Instant};
 
-/// Before anything is known of the line: an emulator answers in 1 ms, a board
-/// at 115,200 baud in 10.
+/// Interval before any round trip is known: an emulator answers in 1 ms, a board at
+/// 115,200 baud in 10.
 const FIRST: Duration = Duration::from_millis(20);
-/// Soonest: a process on this machine may be away for as long.
+/// Shortest interval: the system may suspend a process for as long.
 const SOONEST: Duration = Duration::from_micros(250);
-/// Latest: a controller that was away is back in the run so soon.
+/// Longest interval: within it a controller that was away is back in the run.
 const LATEST: Duration = Duration::from_millis(250);
-/// So many times at the same interval, for noise; then at growing ones, for a
-/// controller that is busy or gone.
+/// Tries at the same interval, against noise; after them the interval grows, for a controller
+/// that is busy or gone.
 const EVEN_TRIES: u32 = 8;
-/// A round trip longer than so many times the usual counts as one so long.
+/// A round trip longer than this multiple of the smoothed one counts as this multiple.
 const OUTLIER: u32 = 4;
 
-/// Said again after the usual round trip and so many times its mean deviation.
-/// Not four, as for the world's networks: the line is ours alone, what is said
-/// too soon costs it a millisecond, and in noise each wait is time lost.
+/// Deviations added to the smoothed round trip. Not four, as RFC 6298 has it for shared
+/// networks: the line has one user, a needless retransmission costs it a millisecond, and in
+/// noise each wait is lost time.
 const SPREADS: u32 = 2;
 
-/// When to say a message again: learnt from the round trips, after Jacobson
-/// and Karels (RFC 6298).
+/// The retransmission interval, estimated from round trips (Jacobson and Karels, RFC 6298).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RetransmitTimer {
     smooth: Option<Duration>,
@@ -34,10 +33,9 @@ impl RetransmitTimer {
         Self { smooth: None, spread: Duration::ZERO, interval: FIRST }
     }
 
-    /// Learns from a message that was answered, just now: its round trip, when
-    /// it was said once. Of one said again nobody knows which saying was
-    /// answered (Karn): it teaches nothing, but at the very start, that the
-    /// first guess was too short.
+    /// Updates the estimate with the round trip of a message that was answered just now.
+    /// Karn's rule: a retransmitted message gives no round trip, because it is unknown which
+    /// transmission was answered. Before the first round trip it only raises the interval.
     fn learn(&mut self, answered: &Pending) {
         if !answered.was_retransmitted() {
             self.learn_round_trip(answered.age());
@@ -46,16 +44,16 @@ impl RetransmitTimer {
         }
     }
 
-    /// A message that was said again is answered again: so its first answer was
-    /// to a saying before the last, at least `took` before, and it was said
-    /// again too soon.
+    /// Updates the estimate after a second answer to a retransmitted message: the first answer
+    /// belonged to the transmission before the last, at least `took` earlier, so the
+    /// retransmission came too soon.
     pub(super) fn was_too_soon(&mut self, took: Duration) {
         self.learn_round_trip(took);
     }
 
     fn learn_round_trip(&mut self, took: Duration) {
         let smooth = self.smooth.unwrap_or(took);
-        // The odd one that took ever so long, as when this process was away, counts for less.
+        // A single outlier, as when this process was suspended, counts for less.
         let took = took.min(smooth * OUTLIER);
         let spread = if self.smooth.is_some() { self.spread } else { took / 2 };
         self.spread = (spread * 3 + smooth.abs_diff(took)) / 4;
@@ -65,33 +63,33 @@ impl RetransmitTimer {
     }
 }
 
-/// A message that was said more than once, and answered once.
+/// A message that was transmitted more than once and answered once.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Answered {
     pub(super) number: u32,
-    /// From the saying before the last to the answer.
+    /// Time from the transmission before the last to the answer.
     pub(super) took: Duration,
 }
 
-/// A message on its way, unanswered.
+/// A message that has not been answered.
 #[derive(Clone, Debug)]
 pub(super) struct Pending {
     pub(super) number: u32,
     pub(super) frame: Vec<u8>,
     first: Instant,
     last: Instant,
-    /// The saying before the last.
+    /// When the transmission before the last took place.
     previous: Instant,
     interval: Duration,
-    /// No answer can be here sooner after the last saying.
+    /// No answer can arrive sooner after the last transmission.
     soonest: Duration,
     tries: u32,
-    /// Of the tries, those after a silence.
+    /// The tries that followed a silence.
     silences: u32,
 }
 
 impl Pending {
-    /// Said for the first time, now.
+    /// Returns a message that is transmitted for the first time now.
     pub(super) fn new(number: u32, frame: Vec<u8>, timer: &RetransmitTimer) -> Self {
         let now = Instant::now();
         let soonest = timer.smooth.unwrap_or_default() / 2;
@@ -109,12 +107,12 @@ impl Pending {
         }
     }
 
-    /// How long until it is to be said again.
+    /// Returns the time until the next transmission.
     pub(super) fn wait(&self) -> Duration {
         self.interval.saturating_sub(self.last.elapsed())
     }
 
-    /// It is being said again, after no answer in time.
+    /// Records a retransmission after no answer in time.
     pub(super) fn retransmit_after_timeout(&mut self) {
         self.silences += 1;
         if self.silences > EVEN_TRIES {
@@ -123,28 +121,28 @@ impl Pending {
         self.retransmit();
     }
 
-    /// It is being said again.
+    /// Records a retransmission.
     pub(super) fn retransmit(&mut self) {
         self.tries += 1;
         self.previous = std::mem::replace(&mut self.last, Instant::now());
     }
 
-    /// Whether what comes now may well be its answer.
+    /// Returns whether a frame that arrives now may be its answer.
     pub(super) fn may_be_answered(&self) -> bool {
         self.last.elapsed() >= self.soonest
     }
 
-    /// Whether it was said more than once.
+    /// Returns whether it was transmitted more than once.
     fn was_retransmitted(&self) -> bool {
         self.tries > 1
     }
 
-    /// Since it was first said.
+    /// Returns the time since the first transmission.
     pub(super) fn age(&self) -> Duration {
         self.first.elapsed()
     }
 
-    /// It was answered, just now. Kept if it may be answered once more.
+    /// Records the answer; returns the message if it may be answered once more.
     pub(super) fn answered(&self, timer: &mut RetransmitTimer) -> Option<Answered> {
         timer.learn(self);
         self.was_retransmitted()
@@ -192,7 +190,7 @@ mod tests {
         assert!(intervals[..8].iter().all(|interval| *interval == FIRST), "{intervals:?}");
         assert!(intervals[7..11].is_sorted_by(|a, b| a < b), "{intervals:?}");
         assert_eq!(intervals[13], LATEST);
-        // The first message of all, said often, teaches how patient to be; a later one nothing.
+        // Only the first message of all raises the interval; later ones do not.
         let mut timer = RetransmitTimer::new();
         pending.answered(&mut timer);
         assert_eq!((timer.interval, timer.smooth), (LATEST, None));
@@ -209,7 +207,7 @@ mod tests {
             waited(1, Duration::from_micros(50)).answered(&mut timer);
         }
         assert_eq!(timer.interval, SOONEST);
-        // Now answers take 5 ms, and what is said once more after 0.25 ms is answered twice.
+        // Answers take 5 ms now, and what is retransmitted after 0.25 ms is answered twice.
         let took = Duration::from_millis(5);
         let mut too_soon = 0;
         while timer.interval < took {
@@ -217,7 +215,7 @@ mod tests {
             too_soon += 1;
         }
         assert!(too_soon < 20, "{too_soon}");
-        // A single stall does little.
+        // A single stall changes little.
         let before = timer.interval;
         timer.was_too_soon(Duration::from_secs(1));
         assert!(timer.interval < before * 3, "{:?}", timer.interval);

@@ -13,7 +13,7 @@ use serialport::{SerialPort, TTYPort};
 
 /// Bits a second on a serial port, unless told otherwise: what the boards are set to.
 pub const USUAL_BAUD: u32 = 2_000_000;
-/// Slowest and fastest that `--baud` takes.
+/// Slowest and fastest baud rate.
 const BAUDS: std::ops::RangeInclusive<u32> = 9_600..=12_000_000;
 /// A peer that takes no bytes for so long is stuck.
 const WRITE_PATIENCE: Duration = Duration::from_secs(1);
@@ -207,11 +207,11 @@ fn hint(endpoint: &Endpoint, kind: io::ErrorKind) -> String {
         ),
         (Endpoint::Serial { .. }, ResourceBusy) => {
             "; another program has the port open: end it, or reach the controller through that \
-             bridge's --share socket"
+             bridge's shared socket"
                 .into()
         }
         (Endpoint::Serial { .. }, InvalidInput) => {
-            "; does the port know this --baud? 115200 works anywhere".into()
+            "; does the port support this baud rate? 115200 works anywhere".into()
         }
         (Endpoint::Unix(_), NotFound | ConnectionRefused) => {
             "; nobody listens there: start the emulator or the bridge with this socket first".into()
