@@ -10,7 +10,7 @@ use embedded_storage::nor_flash::{
 };
 use leg_control::serial::slots::MappedFlash;
 
-use crate::board::FlashChip;
+use crate::board::{FlashChip, FlashError};
 
 unsafe extern "C" {
     /// The start of slot A. Slot B lies right behind it.
@@ -18,10 +18,6 @@ unsafe extern "C" {
     /// Its address is the length of a slot, bytes.
     static mut __slot_len: u32;
 }
-
-/// The flash did not do what was requested.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct FlashError;
 
 impl NorFlashError for FlashError {
     fn kind(&self) -> NorFlashErrorKind {

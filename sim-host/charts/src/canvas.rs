@@ -10,6 +10,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use crate::color::Color as Ink;
 use crate::color::INK;
+use crate::units::{UNITS_PER_PX, px};
 
 /// A rectangle of the canvas.
 pub(crate) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
@@ -17,8 +18,6 @@ pub(crate) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 pub(crate) type Plane<'a> =
     DrawingArea<SVGBackend<'a>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
-/// The drawing library works in whole units; several units a pixel make curves smooth.
-const UNITS_PER_PX: f64 = 4.0;
 /// The library writes sizes divided by this into the SVG.
 const FONT_SCALE: f64 = 1.24;
 const FONT: &str = "Helvetica, Arial, sans-serif";
@@ -43,16 +42,6 @@ impl<E: Error + Send + Sync + 'static> From<DrawingAreaErrorKind<E>> for DrawErr
     fn from(cause: DrawingAreaErrorKind<E>) -> Self {
         Self(Box::new(cause))
     }
-}
-
-/// Converts pixels to the library's units.
-pub(crate) const fn px(pixels: f64) -> i32 {
-    (UNITS_PER_PX * pixels) as i32
-}
-
-/// Converts the library's units to pixels.
-pub(crate) fn to_px(units: u32) -> f64 {
-    f64::from(units) / UNITS_PER_PX
 }
 
 /// Draws on a white canvas and returns it as SVG text.

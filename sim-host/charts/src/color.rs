@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use plotters::style::{Color as _, RGBColor, ShapeStyle};
 
-use crate::canvas::px;
+use crate::units::px;
 
 /// A colour with an opacity, 0 to 1.
 #[derive(Clone, Copy, Debug, PartialEq)]

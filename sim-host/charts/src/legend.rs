@@ -2,8 +2,9 @@
 
 use plotters::element::{Circle, Cross, Rectangle};
 
-use crate::canvas::{Area, DrawError, px, rule, width_px, write};
+use crate::canvas::{Area, DrawError, rule, width_px, write};
 use crate::mark::{Mark, Shape};
+use crate::units::px;
 
 pub(crate) const ROW_PX: f64 = 18.0;
 const SIZE_PX: f64 = 11.0;

@@ -8,6 +8,7 @@ mod legend;
 mod mark;
 mod panel;
 mod sheet;
+mod units;
 
 pub use axis::{Axis, grouped, number, percent};
 pub use canvas::DrawError;

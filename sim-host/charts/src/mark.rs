@@ -6,8 +6,9 @@ use plotters::element::{
     Circle, Cross, DashedPathElement, PathElement, Polygon, Rectangle as Filled,
 };
 
-use crate::canvas::{DrawError, Plane, px};
+use crate::canvas::{DrawError, Plane};
 use crate::color::{Color, INK, shade};
+use crate::units::px;
 
 /// A place on both axes of a panel.
 pub type Point = (f64, f64);

@@ -9,9 +9,10 @@ use plotters::style::text_anchor::{HPos, VPos};
 use plotters::style::{FontTransform, IntoTextStyle as _};
 
 use crate::axis::{Axis, number};
-use crate::canvas::{Area, DrawError, Plane, px, text, to_px, write};
+use crate::canvas::{Area, DrawError, Plane, text, write};
 use crate::color::{GRID, INK, SHADES, shade};
 use crate::mark::{Mark, Shape};
+use crate::units::{px, to_px};
 
 /// Room to the left of a frame, for the vertical axis.
 pub(crate) const LEFT_PX: f64 = 58.0;

@@ -1,9 +1,10 @@
 //! A sheet: a title, a note, and rows of panels.
 
-use crate::canvas::{Area, DrawError, px, svg, width_px, write};
+use crate::canvas::{Area, DrawError, svg, width_px, write};
 use crate::legend::{Legend, ROW_PX};
 use crate::mark::Mark;
 use crate::panel::{LABEL_PX, LEFT_PX, NUMBERS_PX, Panel, RIGHT_PX};
+use crate::units::px;
 
 const MARGIN_PX: f64 = 14.0;
 const TITLE_PX: f64 = 16.0;

@@ -8,7 +8,7 @@ use harness::board::{BOARDS, Image};
 use harness::emulator::Emulator;
 use leg_control::serial::message::{Mode, Request, Status};
 use leg_control::wire::{Command, Sample};
-use leg_host::serial::client::{Client, HELLO_PATIENCE, Heard};
+use leg_host::serial::client::{Client, HELLO_PATIENCE, Received};
 use leg_host::serial::stream::{ByteStream, Endpoint};
 use leg_process::Stop;
 use tempfile::TempDir;
@@ -104,10 +104,10 @@ impl Flashed {
         let begun = Instant::now();
         while begun.elapsed() < PATIENCE {
             match self.client.listen(PATIENCE).expect("the line") {
-                Heard::Command { seq, command, .. } if seq == self.seq => return command,
-                Heard::Alarm(alarm) => panic!("{alarm:?}"),
+                Received::Command { seq, command, .. } if seq == self.seq => return command,
+                Received::Alarm(alarm) => panic!("{alarm:?}"),
                 // Or an answer given twice.
-                Heard::Nothing | Heard::Reply | Heard::Command { .. } => (),
+                Received::Nothing | Received::Reply | Received::Command { .. } => (),
             }
         }
         panic!("no command for number {} in {PATIENCE:?}", self.seq);

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use leg_control::policy::SHIPPED;
 use leg_control::serial::message::{Alarm, BlobError, Crash, Mode, SlotError};
 use leg_control::wire::{Header, Sample, WIRE_VERSION, flags};
-use leg_host::serial::client::Heard;
+use leg_host::serial::client::Received;
 
 use crate::board::{Flashed, image, shipped, skips};
 
@@ -63,8 +63,8 @@ fn crash_of(session: u32) -> (Crash, i32) {
         while last.is_none_or(|(answered, _)| u64::from(answered) != seq) {
             assert!(begun.elapsed() < Duration::from_secs(30), "no crash in {seq} ticks");
             match flashed.client.listen(Duration::from_millis(100)) {
-                Ok(Heard::Alarm(Alarm::Crash(crash))) => break 'crash crash,
-                Ok(Heard::Command { seq, command, .. }) => last = Some((seq, command)),
+                Ok(Received::Alarm(Alarm::Crash(crash))) => break 'crash crash,
+                Ok(Received::Command { seq, command, .. }) => last = Some((seq, command)),
                 Ok(_) => (),
                 Err(error) => panic!("the line ended before the alarm: {error}"),
             }

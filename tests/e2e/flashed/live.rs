@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use leg_control::serial::message::Mode;
 use leg_control::wire::{Header, Sample, WIRE_VERSION, flags};
-use leg_host::serial::client::Heard;
+use leg_host::serial::client::Received;
 
 use crate::board::{Flashed, shipped, skips};
 
@@ -32,7 +32,7 @@ fn the_timer_ticks_whether_samples_come_or_not_and_counts_what_it_missed() {
     let mut hear = |flashed: &mut Flashed, for_ms: u64| {
         let until = Instant::now() + Duration::from_millis(for_ms);
         while let Some(left) = until.checked_duration_since(Instant::now()) {
-            if let Heard::Command { command, .. } = flashed.client.listen(left).unwrap() {
+            if let Received::Command { command, .. } = flashed.client.listen(left).unwrap() {
                 commands += 1;
                 safe += u32::from(command.is_safe());
             }

@@ -4,7 +4,7 @@
 use leg_control::policy::{Policy, SHIPPED};
 use leg_control::serial::message::{MAX_CHUNK, Mode, Reply, Request, RequestError};
 use leg_control::wire::{Command, Sample};
-use leg_host::serial::client::{Client, ClientError, Heard};
+use leg_host::serial::client::{Client, ClientError, Received};
 use leg_host::{Link, LinkError};
 use sim_host::scenario::{Scenario, Settings};
 use sim_host::session::Ending;
@@ -140,10 +140,10 @@ impl Link for Uploading<'_> {
         self.flashed.client.post_sample(self.seq, sample);
         self.reply = loop {
             match self.flashed.client.listen(Duration::from_secs(10)).expect("the line") {
-                Heard::Command { seq, command, .. } if seq == self.seq => break Some(command),
-                Heard::Reply => self.heard_reply(),
-                Heard::Nothing | Heard::Command { .. } => (),
-                Heard::Alarm(alarm) => panic!("{alarm:?}"),
+                Received::Command { seq, command, .. } if seq == self.seq => break Some(command),
+                Received::Reply => self.heard_reply(),
+                Received::Nothing | Received::Command { .. } => (),
+                Received::Alarm(alarm) => panic!("{alarm:?}"),
             }
         };
         Ok(())

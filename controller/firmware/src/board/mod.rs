@@ -11,8 +11,6 @@ pub(crate) use mps2::Mps2 as Selected;
 #[cfg(feature = "stm32f405")]
 pub(crate) use stm32f405::Stm32f405 as Selected;
 
-use crate::slots::FlashError;
-
 /// A board: clocks, a UART, a tick, and an end.
 ///
 /// The UART's interrupt hands what comes to [`crate::line::received`] and sends
@@ -39,6 +37,10 @@ pub(crate) trait Board {
     /// still.
     fn end(status: u8) -> !;
 }
+
+/// The flash did not do what was requested.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct FlashError;
 
 /// The flash that the slots lie in.
 #[allow(unsafe_code)]

@@ -8,10 +8,10 @@ use cortex_m::interrupt::InterruptNumber;
 use cortex_m::peripheral::NVIC;
 use cortex_m::peripheral::scb::SystemHandler;
 
+use super::FlashError;
 use super::{Board, FlashChip, core_peripherals, run_systick};
 use crate::line;
 use crate::node::{TICK_PRIORITY, UART_PRIORITY};
-use crate::slots::FlashError;
 
 const CORE_HZ: u32 = 25_000_000;
 

@@ -11,10 +11,10 @@ use cortex_m::peripheral::NVIC;
 use cortex_m::peripheral::scb::SystemHandler;
 use stm32f4::stm32f405::{FLASH, Interrupt, Peripherals, RCC, USART1, interrupt};
 
+use super::FlashError;
 use super::{Board, FlashChip, core_peripherals, run_systick};
 use crate::line;
 use crate::node::{TICK_PRIORITY, UART_PRIORITY};
-use crate::slots::FlashError;
 
 /// Bits a second. The usual USB adapters do it, and a sample and its command
 /// take less than a millisecond.

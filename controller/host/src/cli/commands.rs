@@ -7,17 +7,18 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
-use super::status_text::{self, Table, Tick};
+use super::status_text::{
+    self, Table, Tick, digits, hex, identity_json, identity_text, slot_json, slot_text,
+};
 use super::target::{ConnectionError, TargetArgs};
 use super::{hint, parse_timeout};
 use crate::Role;
 use crate::flash::MemoryFlash;
 use crate::serial::upload::{Progress, roll_back, transfer, upload};
-use crate::serial::{Client, ClientError, DeviceIdentity, PolicyIdentity, VirtualBoard};
+use crate::serial::{Client, ClientError, DeviceIdentity, VirtualBoard};
 use crate::socket::{SocketError, SocketFile};
 use crate::status::Status;
-use leg_control::serial::PROTOCOL_VERSION;
-use leg_control::serial::message::{Activity, Request, RequestError, Slot, SlotReport};
+use leg_control::serial::message::{Activity, Request, RequestError, Slot};
 use leg_process::Stop;
 use leg_process::policy_file::{PolicyFile, PolicyFileError};
 use leg_process::stdout;
@@ -367,76 +368,4 @@ fn swapped(after: Option<Duration>) -> String {
         || "it waits for the leg's next apex, and is the one to run after a power-up".into(),
         |after| format!("it runs, {:.2} s after the commit", after.as_secs_f64()),
     )
-}
-
-pub(super) fn hex(value: u32) -> String {
-    format!("{value:08x}")
-}
-
-/// Returns the number with the fewest digits that is this float.
-pub(super) fn digits(value: f32) -> Option<f64> {
-    value.to_string().parse().ok()
-}
-
-pub(super) fn identity_json(identity: &DeviceIdentity) -> Value {
-    let policy = identity.policy.as_ref().map(|PolicyIdentity { slot, name, crc32, leg }| {
-        json!({ "slot": slot.to_string(), "name": name, "crc32": hex(*crc32), "leg": hex(*leg) })
-    });
-    json!({
-        "board": identity.board,
-        "firmware": identity.firmware,
-        "protocol_version": PROTOCOL_VERSION,
-        "wire_version": identity.wire_version,
-        "session": identity.session,
-        "mode": identity.mode.to_string(),
-        "rate_hz": identity.rate_hz,
-        "gravity_m_s2": digits(identity.gravity_m_s2),
-        "policy": policy,
-    })
-}
-
-pub(super) fn identity_text(identity: &DeviceIdentity) -> String {
-    let policy = identity.policy.as_ref().map_or_else(
-        || "none; the leg stays in the safe command".into(),
-        |PolicyIdentity { slot, name, crc32, .. }| {
-            format!("{name} ({}) in slot {}", hex(*crc32), slot)
-        },
-    );
-    let session = identity.session.map_or_else(|| "none since power-up".into(), hex);
-    format!(
-        "board     {}, firmware {} (protocol {PROTOCOL_VERSION}, messages {})\n\
-         policy    {policy}\n\
-         run       {}, {} Hz, {} m/s2; session {session}",
-        identity.board,
-        identity.firmware,
-        identity.wire_version,
-        identity.mode,
-        identity.rate_hz,
-        identity.gravity_m_s2,
-    )
-}
-
-pub(super) fn slot_json(name: Slot, slot: &SlotReport<'_>) -> Value {
-    let mut json = json!({
-        "slot": name.to_string(),
-        "sequence": slot.sequence,
-        "running": slot.running,
-    });
-    match slot.content {
-        Ok((policy, crc32)) => {
-            json["name"] = policy.into();
-            json["crc32"] = hex(crc32).into();
-        }
-        Err(fault) => json["fault"] = fault.to_string().into(),
-    }
-    json
-}
-
-pub(super) fn slot_text(name: Slot, slot: &SlotReport<'_>) -> String {
-    let content = match slot.content {
-        Ok((policy, crc32)) => format!("{policy} ({})", hex(crc32)),
-        Err(fault) => fault.to_string(),
-    };
-    let runs = if slot.running { ", runs" } else { "" };
-    format!("slot {}    {content}, sequence {}{runs}", name, slot.sequence)
 }

@@ -5,10 +5,10 @@ use std::time::UNIX_EPOCH;
 
 use serde_json::{Value, json};
 
-use super::commands::{digits, identity_json, identity_text, slot_json, slot_text};
 use crate::TimeMode;
-use crate::serial::DeviceIdentity;
+use crate::serial::{DeviceIdentity, PolicyIdentity};
 use crate::status::Status;
+use leg_control::serial::PROTOCOL_VERSION;
 use leg_control::serial::message::{self, Activity, RunTick, Slot, SlotReport};
 
 /// Returns the status of a board as JSON, and in words.
@@ -130,4 +130,81 @@ impl fmt::Display for Table<'_> {
         }
         Ok(())
     }
+}
+
+/// Returns a checksum as eight hexadecimal digits.
+pub(super) fn hex(value: u32) -> String {
+    format!("{value:08x}")
+}
+
+/// Returns the number with the fewest digits that is this float.
+pub(super) fn digits(value: f32) -> Option<f64> {
+    value.to_string().parse().ok()
+}
+
+/// Returns the identity of a controller as JSON.
+pub(super) fn identity_json(identity: &DeviceIdentity) -> Value {
+    let policy = identity.policy.as_ref().map(|PolicyIdentity { slot, name, crc32, leg }| {
+        json!({ "slot": slot.to_string(), "name": name, "crc32": hex(*crc32), "leg": hex(*leg) })
+    });
+    json!({
+        "board": identity.board,
+        "firmware": identity.firmware,
+        "protocol_version": PROTOCOL_VERSION,
+        "wire_version": identity.wire_version,
+        "session": identity.session,
+        "mode": identity.mode.to_string(),
+        "rate_hz": identity.rate_hz,
+        "gravity_m_s2": digits(identity.gravity_m_s2),
+        "policy": policy,
+    })
+}
+
+/// Returns the identity of a controller in words.
+pub(super) fn identity_text(identity: &DeviceIdentity) -> String {
+    let policy = identity.policy.as_ref().map_or_else(
+        || "none; the leg stays in the safe command".into(),
+        |PolicyIdentity { slot, name, crc32, .. }| {
+            format!("{name} ({}) in slot {}", hex(*crc32), slot)
+        },
+    );
+    let session = identity.session.map_or_else(|| "none since power-up".into(), hex);
+    format!(
+        "board     {}, firmware {} (protocol {PROTOCOL_VERSION}, messages {})\n\
+         policy    {policy}\n\
+         run       {}, {} Hz, {} m/s2; session {session}",
+        identity.board,
+        identity.firmware,
+        identity.wire_version,
+        identity.mode,
+        identity.rate_hz,
+        identity.gravity_m_s2,
+    )
+}
+
+/// Returns the content of a slot as JSON.
+pub(super) fn slot_json(name: Slot, slot: &SlotReport<'_>) -> Value {
+    let mut json = json!({
+        "slot": name.to_string(),
+        "sequence": slot.sequence,
+        "running": slot.running,
+    });
+    match slot.content {
+        Ok((policy, crc32)) => {
+            json["name"] = policy.into();
+            json["crc32"] = hex(crc32).into();
+        }
+        Err(fault) => json["fault"] = fault.to_string().into(),
+    }
+    json
+}
+
+/// Returns the content of a slot in words.
+pub(super) fn slot_text(name: Slot, slot: &SlotReport<'_>) -> String {
+    let content = match slot.content {
+        Ok((policy, crc32)) => format!("{policy} ({})", hex(crc32)),
+        Err(fault) => fault.to_string(),
+    };
+    let runs = if slot.running { ", runs" } else { "" };
+    format!("slot {}    {content}, sequence {}{runs}", name, slot.sequence)
 }
