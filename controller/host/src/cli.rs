@@ -4,11 +4,11 @@
 //! meanwhile. Exit status 0 when all ended in good order, 2 for what the user
 //! must change (a bad blob, a bad rate), 1 for anything else.
 
-mod attend;
 mod background;
 pub mod commands;
 pub mod hint;
 mod real_time;
+mod run_server;
 mod status_text;
 pub mod target;
 
@@ -33,10 +33,10 @@ use leg_process::policy_file::PolicyFileError;
 
 /// Longest patience that `--timeout` accepts, s.
 const MAX_TIMEOUT_S: f64 = 86_400.0;
-/// How long a peer is waited for when nobody says.
+/// How long a peer is waited for by default.
 const TIMEOUT: Duration = Duration::from_secs(10);
 /// A peer that is not there by then is worth a word.
-pub const SAY_AFTER: Duration = Duration::from_secs(1);
+pub const REPORT_AFTER: Duration = Duration::from_secs(1);
 
 /// What the program is called with: how to run, or a command to a flashed controller.
 #[derive(Clone, Debug, clap::Args)]
@@ -73,7 +73,7 @@ pub struct Args {
     #[arg(long, value_name = "M_S2", default_value_t = 9.81, allow_negative_numbers = true)]
     pub gravity: f32,
     /// End after one run. (Else it stays, and waits for the next leg as long as
-    /// it takes, or as --timeout says.)
+    /// it takes, or for the time of --timeout.)
     #[arg(long)]
     pub once: bool,
     /// Where to find the simulator.
@@ -252,8 +252,8 @@ pub fn other_leg(policy: &Manifest<'_>, played: Option<u32>) -> Option<String> {
     })
 }
 
-/// Says something on stderr. A terminal that is closed is no reason to end in a panic.
-fn say(what: impl fmt::Display) {
+/// Writes a line to stderr; ignores an error, as of a closed terminal.
+fn log(what: impl fmt::Display) {
     let _ = writeln!(io::stderr(), "{}: {what}", Role::Controller);
 }
 
@@ -264,7 +264,7 @@ pub fn main(call: &Call) -> ExitCode {
     let done = match &call.command {
         Some(Command::Running(command)) => return commands::main(command),
         Some(Command::Bench(args)) => bench::run(args).map_err(CliError::from),
-        None => attend::run(&call.args, |summary| {
+        None => run_server::run(&call.args, |summary| {
             let _ = if call.args.json {
                 writeln!(io::stdout(), "{}", summary.json())
             } else {
@@ -275,7 +275,7 @@ pub fn main(call: &Call) -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            say(hint::with_hint(&error, error.hint()));
+            log(hint::with_hint(&error, error.hint()));
             ExitCode::from(if error.is_misuse() { 2 } else { 1 })
         }
     }

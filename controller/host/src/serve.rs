@@ -33,7 +33,7 @@ pub enum ServeError {
 }
 
 /// A silence of this length is reported.
-const SAY_AFTER: Duration = Duration::from_secs(1);
+const REPORT_AFTER: Duration = Duration::from_secs(1);
 
 /// Answers every sample by `law`, until a sample
 /// [ends the run](Sample::ends_the_run). Returns the number of samples answered.
@@ -48,7 +48,7 @@ pub fn serve(
     serve_patiently(link, Some(timeout), law, |_| ())
 }
 
-/// As [`serve`]; without a `timeout`, waits for a silent leg as long as it lives. `tell`
+/// As [`serve`]; without a `timeout`, waits for a silent leg as long as it lives. `on_silence`
 /// receives the beginning and the end of a silence.
 ///
 /// # Errors
@@ -57,11 +57,11 @@ pub fn serve_patiently(
     link: &mut impl ControllerLink,
     timeout: Option<Duration>,
     mut law: impl FnMut(&Sample) -> Command,
-    mut tell: impl FnMut(&Silence),
+    mut on_silence: impl FnMut(&Silence),
 ) -> Result<u64, ServeError> {
     let mut ticks = 0;
     loop {
-        let sample = match next(link, timeout, ticks > 0, &mut tell) {
+        let sample = match next(link, timeout, ticks > 0, &mut on_silence) {
             Ok(Some(sample)) => sample,
             Ok(None) => {
                 let waited_s = timeout.unwrap_or_default().as_secs_f64();
@@ -108,26 +108,26 @@ fn next(
     link: &mut impl ControllerLink,
     timeout: Option<Duration>,
     is_in_run: bool,
-    tell: &mut impl FnMut(&Silence),
+    on_silence: &mut impl FnMut(&Silence),
 ) -> Result<Option<Sample>, LinkError> {
-    let wait = timeout.unwrap_or(SAY_AFTER).min(SAY_AFTER);
+    let wait = timeout.unwrap_or(REPORT_AFTER).min(REPORT_AFTER);
     // The clock is read when the first wait is over: most samples arrive at once.
     if let Some(sample) = link.receive(wait)? {
         return Ok(Some(sample));
     }
     let since = Instant::now();
     if is_in_run && timeout.is_none_or(|timeout| timeout > wait) {
-        tell(&Silence::Lasts(wait));
+        on_silence(&Silence::Lasts(wait));
     }
     loop {
         let waited = wait + since.elapsed();
-        let left = timeout.map_or(SAY_AFTER, |timeout| timeout.saturating_sub(waited));
+        let left = timeout.map_or(REPORT_AFTER, |timeout| timeout.saturating_sub(waited));
         if left.is_zero() {
             return Ok(None);
         }
-        if let Some(sample) = link.receive(left.min(SAY_AFTER))? {
+        if let Some(sample) = link.receive(left.min(REPORT_AFTER))? {
             if is_in_run {
-                tell(&Silence::Over(wait + since.elapsed()));
+                on_silence(&Silence::Over(wait + since.elapsed()));
             }
             return Ok(Some(sample));
         }

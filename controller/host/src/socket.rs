@@ -21,7 +21,7 @@ pub enum SocketError {
     Io {
         /// Where.
         path: PathBuf,
-        /// What the system says.
+        /// The error of the system.
         cause: io::Error,
     },
 }

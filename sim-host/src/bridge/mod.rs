@@ -137,7 +137,7 @@ pub fn run(
     let mut is_reported = false;
     let mut broke = None;
     let link = ShmController::connect_while(&domain, meeting, timeout, stop, |missing| {
-        if !is_reported && missing.waited >= leg_host::cli::SAY_AFTER {
+        if !is_reported && missing.waited >= leg_host::cli::REPORT_AFTER {
             is_reported = true;
             let hint = leg_host::cli::hint::missing_peer(missing);
             forwarder.notice(&Notice::Waiting(format!("{missing}; {hint}")));

@@ -223,7 +223,7 @@ impl Checker<'_> {
             Some("leg-length") => &[Reading::LegLength],
             Some("density") if self.run.density_is_told => &[Reading::Density],
             Some("density") => {
-                let what = "this run has no density sensor; density = \"told\" adds one";
+                let what = "this run has no density sensor; density = \"measured\" adds one";
                 return Err(self.bad("field", "density", what));
             }
             Some("contact") => return Ok(Field::Contact),

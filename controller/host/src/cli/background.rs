@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use super::say;
+use super::log;
 use crate::Domain;
 use crate::node_server::NodeServer;
 use crate::server::ControlSocket;
@@ -44,7 +44,7 @@ impl Background {
         let server = Arc::new(Mutex::new(server));
         let socket = ControlSocket::open(domain, Arc::clone(&server))
             .inspect_err(|cause| {
-                say(format_args!("warning: no control socket, so no swap and no status: {cause}"));
+                log(format_args!("warning: no control socket, so no swap and no status: {cause}"));
             })
             .ok();
         let end = Arc::new(AtomicBool::new(false));
@@ -57,7 +57,7 @@ impl Background {
                 // The lock is released before anything is printed.
                 let news = lock(&server).news();
                 if let Some(news) = news {
-                    say(news);
+                    log(news);
                 }
                 std::thread::park_timeout(ROUND);
             }
@@ -65,7 +65,7 @@ impl Background {
         let thread = std::thread::Builder::new().name("thread".into()).spawn(work);
         let thread = thread
             .inspect_err(|cause| {
-                say(format_args!("warning: SIGHUP is ignored: {cause}"));
+                log(format_args!("warning: SIGHUP is ignored: {cause}"));
             })
             .ok();
         Self { end, thread, _socket: socket }
@@ -90,11 +90,11 @@ impl Reload {
             Some(SighupAction::Reload) => {
                 let swapped = lock(server).swap_file(&self.policy);
                 match swapped {
-                    Ok(policy) => say(format_args!(
+                    Ok(policy) => log(format_args!(
                         "{} is read again: the policy {} ({}) takes over at the next apex",
                         policy.file, policy.name, policy.crc32
                     )),
-                    Err(why) => say(why),
+                    Err(why) => log(why),
                 }
             }
         }

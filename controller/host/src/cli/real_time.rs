@@ -1,20 +1,20 @@
 //! The controller process in real time.
 
-use super::attend::{Attendant, summary};
-use super::{Args, CliError, Summary, hint, other_leg, say};
+use super::run_server::{RunServer, summary};
+use super::{Args, CliError, Summary, hint, log, other_leg};
 use crate::Role;
 use crate::link::LinkError;
 use crate::realtime::{self, ExitOn, LatestReport, ServeOutcome};
 use crate::shm::PeerEvent;
 use leg_control::policy::Manifest;
 
-impl Attendant {
+impl RunServer {
     /// Ticks by the clock, whoever is there or not.
-    pub(super) fn attend_in_real_time(
+    pub(super) fn serve_in_real_time(
         mut self,
         args: &Args,
         figures: LatestReport,
-        mut tell: impl FnMut(&Summary),
+        mut on_summary: impl FnMut(&Summary),
     ) -> Result<(), CliError> {
         if self.once {
             self.wait()?;
@@ -29,17 +29,20 @@ impl Attendant {
                 && let Some(warning) =
                     manifest.as_ref().and_then(|manifest| other_leg(manifest, peer.leg))
             {
-                say(warning);
+                log(warning);
             }
             if let Some(message) = hint::peer_event(event) {
-                say(message);
+                log(message);
             }
         };
         let (lost_peer, supervise) =
             realtime::supervise_peer(&self.link, &self.stop, self.patience, on_event);
         let ServeOutcome { ended, samples, last, report } =
             realtime::serve(self.link, &mut self.node, exit_on, &options, &self.stop, supervise);
-        tell(&Summary { real_time: Some(report), ..summary(&self.node, samples, last.apexes) });
+        on_summary(&Summary {
+            real_time: Some(report),
+            ..summary(&self.node, samples, last.apexes)
+        });
         match lost_peer.get().cloned().map_or(ended, Err) {
             // For one that stays, the way to end.
             Err(LinkError::Stopped) if !once => Ok(()),

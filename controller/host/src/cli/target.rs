@@ -61,7 +61,7 @@ pub enum ConnectionError {
     Io {
         /// The domain.
         domain: String,
-        /// What the system says.
+        /// The error of the system.
         cause: io::Error,
     },
     /// The stream cannot be opened.

@@ -62,7 +62,7 @@ impl Framed for Command {
 pub struct SerialLink<Out, In> {
     line: Line,
     seq: u32,
-    /// The process at the other end, for what is said of it.
+    /// The process at the other end, for messages about it.
     peer_pid: u32,
     /// The stream has ended; what came before still counts.
     ended: bool,

@@ -11,13 +11,13 @@ use std::time::{Duration, Instant};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serialport::{SerialPort, TTYPort};
 
-/// Bits a second on a serial port, unless told otherwise: what the boards are set to.
+/// Bits a second on a serial port, by default: the rate of the boards.
 pub const USUAL_BAUD: u32 = 2_000_000;
 /// Slowest and fastest baud rate.
 const BAUDS: std::ops::RangeInclusive<u32> = 9_600..=12_000_000;
 /// A peer that takes no bytes for so long is stuck.
 const WRITE_PATIENCE: Duration = Duration::from_secs(1);
-/// Longest wait for a TCP peer to say yes.
+/// Longest wait for a TCP connection.
 const CONNECT_PATIENCE: Duration = Duration::from_secs(3);
 
 /// Bytes both ways. Whatever wraps one (noise, a recorder) is again one.
@@ -62,7 +62,7 @@ fn ready(stream: &impl AsFd, what: PollFlags, timeout: Duration) -> io::Result<b
     // Nanoseconds, where a socket's own timeout counts in ticks of the kernel's clock.
     let timeout = Timespec::try_from(timeout).ok();
     match poll(&mut [PollFd::new(stream, what)], timeout.as_ref()) {
-        // A signal: whoever waits looks whether it is told to stop.
+        // A signal: the caller checks the stop flag.
         Err(rustix::io::Errno::INTR) => Ok(false),
         ready => Ok(ready? > 0),
     }
@@ -140,7 +140,7 @@ impl ByteStream for TTYPort {
     fn read(&mut self, bytes: &mut [u8], timeout: Duration) -> io::Result<usize> {
         self.set_timeout(timeout)?;
         match Read::read(self, bytes) {
-            // What a port says whose plug was pulled.
+            // The error of a port that was unplugged.
             Ok(0) => Err(ended()),
             Err(error) if is_nothing(&error) => Ok(0),
             result => result,
@@ -188,7 +188,7 @@ impl fmt::Display for Endpoint {
 pub struct OpenError {
     /// Which.
     pub endpoint: Endpoint,
-    /// What the system says.
+    /// The error of the system.
     pub cause: io::Error,
 }
 
@@ -263,7 +263,7 @@ fn open_port(path: &Path, baud: u32) -> io::Result<Box<dyn ByteStream>> {
 }
 
 /// Opening a port waits for a carrier, and may make it the process's terminal,
-/// unless told otherwise.
+/// by default.
 trait PortOptions {
     fn custom_flags_for_a_port(&mut self) -> &mut Self;
 }

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use leg_control::config::Config;
 use leg_control::policy::Policy;
-use leg_host::cli::{SAY_AFTER, hint, other_leg};
+use leg_host::cli::{REPORT_AFTER, hint, other_leg};
 use leg_host::discovery::DomainError;
 use leg_host::realtime::{LatestReport, LoopReport};
 use leg_host::reconnect::LinkEvent;
@@ -94,7 +94,7 @@ fn printer(spawned: bool) -> impl FnMut(SessionEvent<'_>) {
     let mut printed = false;
     move |event| match event {
         SessionEvent::Missing(missing) => {
-            if !(printed || spawned) && missing.waited >= SAY_AFTER {
+            if !(printed || spawned) && missing.waited >= REPORT_AFTER {
                 printed = true;
                 eprintln!("sim-host: {missing}; {}; still waiting", hint::missing_peer(missing));
             }

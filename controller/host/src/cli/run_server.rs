@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::background::{Background, Reload};
 use super::hint::{self, with_hint};
-use super::{Args, CliError, SAY_AFTER, Summary, other_leg, say};
+use super::{Args, CliError, REPORT_AFTER, Summary, log, other_leg};
 use crate::TimeMode;
 use crate::link::LinkError;
 use crate::node_loop::NodeLoop;
@@ -19,7 +19,7 @@ use leg_process::Stop;
 use leg_process::policy_file::PolicyFile;
 
 /// Serves the runs of legs, one after the other.
-pub(super) struct Attendant {
+pub(super) struct RunServer {
     // Declared before the link, so that it is dropped before the role is given up.
     _background: Background,
     pub(super) link: ShmController,
@@ -28,23 +28,23 @@ pub(super) struct Attendant {
     /// How long to wait for a missing or silent leg; `None` is without limit.
     pub(super) patience: Option<Duration>,
     pub(super) once: bool,
-    has_said_missing: bool,
+    has_reported_missing: bool,
     /// The process whose run is over.
     farewell: Option<u32>,
 }
 
-/// Runs the controller: until a signal ends it or, with `--once`, for one run. `tell`
+/// Runs the controller: until a signal ends it or, with `--once`, for one run. `on_summary`
 /// receives the summary of each run; in real time, of all of them.
-pub(super) fn run(args: &Args, tell: impl FnMut(&Summary)) -> Result<(), CliError> {
+pub(super) fn run(args: &Args, on_summary: impl FnMut(&Summary)) -> Result<(), CliError> {
     let figures = LatestReport::default();
-    let attendant = Attendant::begin(args, &figures)?;
+    let server = RunServer::begin(args, &figures)?;
     match args.pace() {
-        TimeMode::LockStep => attendant.attend(tell),
-        TimeMode::RealTime => attendant.attend_in_real_time(args, figures, tell),
+        TimeMode::LockStep => server.serve_in_lock_step(on_summary),
+        TimeMode::RealTime => server.serve_in_real_time(args, figures, on_summary),
     }
 }
 
-impl Attendant {
+impl RunServer {
     /// Takes the role, and opens the control socket.
     fn begin(args: &Args, figures: &LatestReport) -> Result<Self, CliError> {
         Config::at_rate(args.rate)?.with_gravity(args.gravity)?;
@@ -83,27 +83,27 @@ impl Attendant {
             // Without --once the process waits without limit, unless a limit is given.
             patience: if args.once { Some(args.meeting.timeout()) } else { args.meeting.timeout },
             once: args.once,
-            has_said_missing: false,
+            has_reported_missing: false,
             farewell: None,
         })
     }
 
     /// Serves runs in lock-step.
-    fn attend(mut self, mut tell: impl FnMut(&Summary)) -> Result<(), CliError> {
+    fn serve_in_lock_step(mut self, mut on_summary: impl FnMut(&Summary)) -> Result<(), CliError> {
         loop {
             match self.wait() {
                 Ok(()) => (),
                 Err(ConnectError::Stopped(_)) if !self.once => return Ok(()),
                 Err(cause) if cause.is_disagreement() && !self.once => {
                     let message = with_hint(&cause, hint::connect_error(&cause));
-                    say(format_args!("{message}; still waiting"));
+                    log(format_args!("{message}; still waiting"));
                     continue;
                 }
                 Err(cause) => return Err(cause.into()),
             }
             match self.serve() {
                 Ok(summary) => {
-                    tell(&summary);
+                    on_summary(&summary);
                     self.farewell = self.link.peer().map(|peer| peer.pid);
                     if self.once {
                         return Ok(());
@@ -118,7 +118,7 @@ impl Attendant {
                     // The end of a run was reported before.
                     if cause.lost_peer() != self.farewell {
                         let message = with_hint(&cause, hint::link_error(&cause));
-                        say(format_args!("after {ticks} ticks: {message}; waiting for the next"));
+                        log(format_args!("after {ticks} ticks: {message}; waiting for the next"));
                     }
                 }
                 Err(cause) => return Err(cause.into()),
@@ -129,23 +129,23 @@ impl Attendant {
 
     /// Waits until a leg is connected.
     pub(super) fn wait(&mut self) -> Result<(), ConnectError> {
-        let (said, node) = (&mut self.has_said_missing, &mut self.node);
+        let (reported, node) = (&mut self.has_reported_missing, &mut self.node);
         let peer = self.link.wait_for_peer(self.patience, |missing| {
             node.idle();
-            if !*said && missing.waited >= SAY_AFTER {
-                *said = true;
-                say(format_args!("{missing}; {}; still waiting", hint::missing_peer(missing)));
+            if !*reported && missing.waited >= REPORT_AFTER {
+                *reported = true;
+                log(format_args!("{missing}; {}; still waiting", hint::missing_peer(missing)));
             }
             true
         })?;
         // The hint is printed once only.
-        *said = true;
+        *reported = true;
         let warning = self
             .node
             .controller()
             .and_then(|controller| other_leg(controller.policy().manifest(), peer.leg));
         if let Some(warning) = warning {
-            say(warning);
+            log(warning);
         }
         Ok(())
     }
@@ -159,7 +159,7 @@ impl Attendant {
             apexes = command.apexes;
             command
         };
-        let ticks = serve_patiently(&mut self.link, self.patience, law, |silence| say(silence))?;
+        let ticks = serve_patiently(&mut self.link, self.patience, law, |silence| log(silence))?;
         Ok(summary(&self.node, ticks, apexes))
     }
 }
