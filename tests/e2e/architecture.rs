@@ -87,7 +87,7 @@ fn packages() -> Vec<Package> {
 /// Returns the standard output of cargo.
 fn cargo(args: &[&str]) -> String {
     let output =
-        Command::new(env!("CARGO")).args(args).current_dir(harness::root()).output().unwrap();
+        Command::new(env!("CARGO")).args(args).current_dir(harness::checkout()).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).unwrap()
 }

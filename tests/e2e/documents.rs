@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 /// Returns every Markdown file of the repository.
 fn markdown_files() -> Vec<PathBuf> {
     let mut files = Vec::new();
-    let mut folders = vec![harness::root().canonicalize().unwrap()];
+    let mut folders = vec![harness::checkout().canonicalize().unwrap()];
     while let Some(folder) = folders.pop() {
         for entry in fs::read_dir(folder).unwrap().map(Result::unwrap) {
             let (path, name) = (entry.path(), entry.file_name());
@@ -51,10 +51,11 @@ fn every_path_in_architecture_and_contributing_exists() {
         word.contains('/') && word.chars().all(|c| c.is_alphanumeric() || "/._-".contains(c))
     };
     for (file, at_least) in [("ARCHITECTURE.md", 50), ("CONTRIBUTING.md", 10)] {
-        let text = prose(&fs::read_to_string(harness::root().join(file)).unwrap());
+        let text = prose(&fs::read_to_string(harness::checkout().join(file)).unwrap());
         let paths: Vec<&str> = text.split('`').skip(1).step_by(2).filter(is_path).collect();
         assert!(paths.len() >= at_least, "{file}: only {} paths in `code`", paths.len());
-        let missing: Vec<_> = paths.iter().filter(|p| !harness::root().join(p).exists()).collect();
+        let missing: Vec<_> =
+            paths.iter().filter(|p| !harness::checkout().join(p).exists()).collect();
         assert!(missing.is_empty(), "{file} names missing paths: {missing:?}");
     }
 }

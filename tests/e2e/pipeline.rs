@@ -76,7 +76,7 @@ fn trainer_infer_prints_the_actions_of_the_controllers_actor() {
         .args(["infer", "--input"])
         .arg(&observations)
         .arg("--policy")
-        .arg(harness::root().join("controller/policies/robust.bin")));
+        .arg(harness::checkout().join("controller/policies/robust.bin")));
     assert_eq!(status, Some(0), "{stderr}");
     let policy = Policy::parse(SHIPPED).unwrap();
     let mut rows = csv.lines();

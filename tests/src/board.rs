@@ -6,7 +6,7 @@ use std::process::Command;
 use anyhow::{Context, Result, bail};
 use object::{Object, ObjectSymbol, SymbolKind};
 
-use crate::root;
+use crate::checkout;
 
 /// A board of `controller/firmware`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,14 +62,14 @@ impl Board {
     /// Fails if cargo fails.
     pub fn build_with(self, features: &str) -> Result<Image> {
         // One folder per board, so that changing boards rebuilds nothing.
-        let target = root().join("target/firmware").join(self.name).join(features);
+        let target = checkout().join("target/firmware").join(self.name).join(features);
         let status = Command::new(env!("CARGO"))
             .args(["build", "--quiet", "--release", "--no-default-features", "--features"])
             .arg(format!("{},{features}", self.name))
             .arg("--target-dir")
             .arg(&target)
             // Cargo reads target and link arguments from the configuration in this folder.
-            .current_dir(root().join("controller/firmware"))
+            .current_dir(checkout().join("controller/firmware"))
             .env_remove("CARGO_TARGET_DIR")
             .env_remove("RUSTFLAGS")
             .status()

@@ -4,15 +4,11 @@ pub mod board;
 pub mod browser;
 pub mod emulator;
 
+pub use requirements::checkout;
+
 use std::path::PathBuf;
 use std::process::Command;
 use std::sync::OnceLock;
-
-/// Returns the root of the repository.
-#[must_use]
-pub fn root() -> PathBuf {
-    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("..")
-}
 
 /// Returns the command that starts one of the workspace's programs, built in the profile of
 /// the tests.
@@ -31,7 +27,7 @@ pub fn program(name: &str) -> Command {
         if folder.ends_with("release") {
             build.arg("--release");
         }
-        let status = build.current_dir(root()).status().expect("cargo");
+        let status = build.current_dir(checkout()).status().expect("cargo");
         assert!(status.success(), "the programs do not build");
         folder.to_owned()
     });

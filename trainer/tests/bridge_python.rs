@@ -1,12 +1,11 @@
 //! Checks the exports in ONNX Runtime, numpy and PyTorch with `trainer/bridges/check.py`.
 
-use std::path::Path;
 use std::process::Command;
 
 #[test]
 fn other_libraries_compute_the_same_actions() {
     let Some(python) = requirements::python() else { return };
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("bridges/check.py");
+    let script = requirements::checkout().join("trainer/bridges/check.py");
     let output = Command::new(&python)
         .arg(script)
         .args(["--trainer", env!("CARGO_BIN_EXE_trainer")])

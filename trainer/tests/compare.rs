@@ -3,7 +3,10 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
-const ROBUST: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../controller/policies/robust.bin");
+/// Returns the path of the shipped policy.
+fn robust() -> String {
+    requirements::checkout().join("controller/policies/robust.bin").display().to_string()
+}
 
 fn trainer(arguments: &[&str], directory: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_trainer"))
@@ -25,7 +28,7 @@ fn compares_a_policy_with_itself_and_with_one_that_falls() {
         assert!(output.status.success(), "{}", text(&output.stderr));
         text(&output.stdout)
     };
-    let table = run(&["compare", ROBUST, ROBUST, "--starts", "100"]);
+    let table = run(&["compare", &robust(), &robust(), "--starts", "100"]);
     assert!(
         table.contains("A better in 0, B better in 0, no significant difference in 24."),
         "{table}"
@@ -42,7 +45,7 @@ fn compares_a_policy_with_itself_and_with_one_that_falls() {
     )
     .unwrap();
     run(&["import", "--json", "lame.json", "--out", "lame.bin"]);
-    let json = run(&["compare", "lame.bin", ROBUST, "--starts", "100", "--json"]);
+    let json = run(&["compare", "lame.bin", &robust(), "--starts", "100", "--json"]);
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     assert_eq!(json["starts"], 100);
     for density in json["densities"].as_array().unwrap() {
@@ -62,9 +65,9 @@ fn input_errors_name_the_cause_with_status_2() {
     let directory = tempfile::tempdir().unwrap();
     std::fs::write(directory.path().join("not.bin"), "0123456789012345678901").unwrap();
     for (arguments, message) in [
-        (["compare", ROBUST, "none.bin", "--seed=1"], "none.bin"),
-        (["compare", "not.bin", ROBUST, "--seed=1"], "not.bin is not a valid policy"),
-        (["compare", ROBUST, ROBUST, "--starts=99"], "100..=1000000"),
+        (["compare", &robust(), "none.bin", "--seed=1"], "none.bin"),
+        (["compare", "not.bin", &robust(), "--seed=1"], "not.bin is not a valid policy"),
+        (["compare", &robust(), &robust(), "--starts=99"], "100..=1000000"),
     ] {
         let output = trainer(&arguments, directory.path());
         let error = text(&output.stderr);

@@ -1,7 +1,9 @@
 //! What the user can do about an error: the command-line options that help.
 
 use leg_host::LinkError;
-use leg_host::cli::hint::{self, ask_error, connect_error, domain_error, link_error, serve_error};
+use leg_host::cli::hint::{
+    self, ask_error, client_error, connect_error, domain_error, link_error, serve_error,
+};
 use leg_host::discovery::DomainError;
 use leg_host::json_socket::AskError;
 use leg_host::shm::ConnectError;
@@ -27,6 +29,7 @@ fn hint_on(error: &anyhow::Error) -> Option<String> {
     if let Some(error) = error.downcast_ref::<BridgeError>() {
         return match error {
             BridgeError::Connect(cause) => connect_error(cause),
+            BridgeError::Client(cause) => client_error(cause),
             BridgeError::Link(cause) => link_error(cause),
             BridgeError::Simulator(cause) => serve_error(cause),
             BridgeError::NoAnswer { .. } | BridgeError::NotBack { .. } => {

@@ -33,7 +33,7 @@ fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
 }
 
 fn shipped() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../controller/policies/robust.bin")
+    requirements::checkout().join("controller/policies/robust.bin")
 }
 
 fn part(path: &Path) -> PathBuf {

@@ -42,7 +42,7 @@ pub(crate) fn image(features: &str) -> Image {
 }
 
 pub(crate) fn shipped() -> PathBuf {
-    harness::root().join("controller/policies/robust.bin")
+    harness::checkout().join("controller/policies/robust.bin")
 }
 
 /// Returns whether to skip for want of an emulator.

@@ -192,11 +192,29 @@ pub fn reference_data() -> Option<PathBuf> {
 /// Returns where [`reference_data`] looks.
 #[must_use]
 pub fn reference_folder() -> PathBuf {
-    let beside_checkout = || {
-        let checkout = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-        checkout.canonicalize().unwrap_or(checkout).join("../shared/reference")
-    };
-    std::env::var_os("LEG_REFERENCE_DATA").map_or_else(beside_checkout, PathBuf::from)
+    std::env::var_os("LEG_REFERENCE_DATA")
+        .map_or_else(|| checkout().join("../shared/reference"), PathBuf::from)
+}
+
+/// Returns the root of the checkout that holds the current folder, which is a package's
+/// under `cargo test`.
+///
+/// It is looked for when the program runs: a path from the time of compilation would lead
+/// from a moved or copied checkout back to the old one.
+///
+/// # Panics
+/// Panics when the current folder is in no checkout.
+#[must_use]
+pub fn checkout() -> PathBuf {
+    let current = std::env::current_dir().expect("the current folder");
+    checkout_of(&current).unwrap_or_else(|| {
+        panic!("{} is not in a checkout of this repository; run this from one", current.display())
+    })
+}
+
+fn checkout_of(folder: &Path) -> Option<PathBuf> {
+    let is_root = |folder: &&Path| folder.join("tests/requirements/Cargo.toml").is_file();
+    folder.ancestors().find(is_root).map(Path::to_owned)
 }
 
 /// Returns whether this process has the rights of the superuser.
@@ -251,6 +269,19 @@ mod tests {
     #[should_panic(expected = "no requirement is called `qemo`")]
     fn a_misspelt_requirement_fails_the_test() {
         let _ = Requirement::Gcc.decide("qemo", Ok(()));
+    }
+
+    #[test]
+    fn the_checkout_is_the_one_around_the_current_folder() {
+        let moved = tempfile::tempdir().unwrap();
+        let package = moved.path().join("sim-host/plant");
+        fs::create_dir_all(&package).unwrap();
+        assert_eq!(checkout_of(&package), None);
+        fs::create_dir_all(moved.path().join("tests/requirements")).unwrap();
+        fs::write(moved.path().join("tests/requirements/Cargo.toml"), "").unwrap();
+        assert_eq!(checkout_of(&package).as_deref(), Some(moved.path()));
+        let here = std::env::current_dir().unwrap();
+        assert_eq!(checkout().join("tests/requirements"), here, "as `cargo test` starts it");
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use harness::root;
+use harness::checkout;
 use requirements::Requirement;
 
 use crate::step::Step;
@@ -61,7 +61,7 @@ pub(crate) fn run() -> Result<()> {
         times.step(&check)?;
     }
 
-    let skipped = root().join("target/skipped-tests.txt");
+    let skipped = checkout().join("target/skipped-tests.txt");
     clear(&skipped)?;
     let tests = Step::new("tests, doctests", "cargo", "test --workspace")
         .with_env("LEG_REQUIRE", required())
@@ -79,7 +79,7 @@ pub(crate) fn run() -> Result<()> {
         "cargo",
         "run --release --bin minimal --features minimal",
     );
-    let temporary = root().join("target").canonicalize().context("no folder target")?;
+    let temporary = checkout().join("target").canonicalize().context("no folder target")?;
     let minimal = minimal.within(FIRMWARE).with_env("TMPDIR", temporary.display().to_string());
     times.step(&minimal)?;
     times.measure("cargo xtask budget", || budget::run(&budget::Args::default()))?;

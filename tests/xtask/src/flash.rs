@@ -49,7 +49,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let policy = args
         .policy
         .clone()
-        .unwrap_or_else(|| harness::root().join("controller/policies/robust.bin"));
+        .unwrap_or_else(|| harness::checkout().join("controller/policies/robust.bin"));
     if !policy.is_file() {
         return Err(Misuse::of(format!("no policy at {}; --policy names one", policy.display())));
     }

@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use harness::board::{BOARDS, Board};
+use harness::checkout;
 use harness::emulator::Emulator;
-use harness::root;
 use serde_json::Value;
 
 use crate::programs::{Programs, Running};
@@ -41,7 +41,7 @@ impl Args {
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
-    let shipped = root().join("controller/policies/robust.bin");
+    let shipped = checkout().join("controller/policies/robust.bin");
     let policy = args.policy.as_ref().unwrap_or(&shipped);
     if !policy.is_file() {
         return Err(Misuse::of(format!("no policy at {}; --policy names one", policy.display())));

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 
 use anyhow::{Context, Result, ensure};
-use harness::root;
+use harness::checkout;
 use serde_json::Value;
 
 /// Tick rate of the shore scenario.
@@ -12,7 +12,7 @@ const RATE_HZ: u64 = 1_000;
 
 /// Returns the folder that cargo builds into.
 pub(crate) fn target_folder() -> PathBuf {
-    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from)
+    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| checkout().join("target"), PathBuf::from)
 }
 
 /// The release builds of `sim-host` and `controller`.
@@ -26,7 +26,7 @@ impl Programs {
         let status = Command::new(env!("CARGO"))
             .args(["build", "--quiet", "--release", "--package", "sim-host", "--bin", "sim-host"])
             .args(["--package", "leg-host", "--bin", "controller"])
-            .current_dir(root())
+            .current_dir(checkout())
             .status()
             .context("cannot start cargo")?;
         ensure!(status.success(), "the programs do not build ({status})");
@@ -50,7 +50,7 @@ impl Programs {
     pub(crate) fn shore(&self, ticks: Option<u64>, more: &[&str]) -> Result<Value> {
         let mut command = self.sim_host();
         command.args(["run", "--json", "--scenario"]);
-        command.arg(root().join("sim-host/scenarios/shore.toml")).args(more);
+        command.arg(checkout().join("sim-host/scenarios/shore.toml")).args(more);
         if let Some(ticks) = ticks {
             command.args(["--duration", &(ticks as f64 / RATE_HZ as f64).to_string()]);
         }

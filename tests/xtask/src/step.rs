@@ -4,7 +4,7 @@ use anyhow::{Context, Result, bail};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use harness::root;
+use harness::checkout;
 
 /// A named command line.
 #[derive(Clone, Debug)]
@@ -46,7 +46,7 @@ impl Step {
         let status = Command::new(program)
             .args(args.split_whitespace())
             .envs(self.env.clone())
-            .current_dir(root().join(self.folder))
+            .current_dir(checkout().join(self.folder))
             .status()
             .with_context(|| format!("cannot start `{program}`; is it installed?"))?;
         if !status.success() {
@@ -58,6 +58,6 @@ impl Step {
 
 /// Returns the standard output of a command, `None` if it fails.
 pub(crate) fn output_of(program: &str, args: &[&str]) -> Option<String> {
-    let output = Command::new(program).args(args).current_dir(root()).output().ok()?;
+    let output = Command::new(program).args(args).current_dir(checkout()).output().ok()?;
     output.status.success().then(|| String::from_utf8_lossy(&output.stdout).into_owned())
 }

@@ -165,6 +165,10 @@ pub fn main(command: &Command) -> ExitCode {
                 CommandError::Connection(ConnectionError::Domain(cause)) => {
                     hint::domain_error(cause)
                 }
+                CommandError::Client(cause)
+                | CommandError::Connection(ConnectionError::Client(cause)) => {
+                    hint::client_error(cause)
+                }
                 _ => None,
             };
             eprintln!("{}: {}", Role::Controller, hint::with_hint(&error, hint));

@@ -10,6 +10,7 @@ use crate::discovery::DomainError;
 use crate::json_socket::AskError;
 use crate::link::{LinkError, Role, TimeMode};
 use crate::reconnect::LinkEvent;
+use crate::serial::ClientError;
 use crate::serve::ServeError;
 use crate::shm::{ConnectError, MissingPeer, PeerEvent};
 
@@ -109,6 +110,13 @@ pub fn ask_error(error: &AskError) -> Option<String> {
     }
 }
 
+/// Returns the hint on an error of a request over a serial line.
+#[must_use]
+pub fn client_error(error: &ClientError) -> Option<String> {
+    matches!(error, ClientError::Silent { .. } | ClientError::Noise { .. })
+        .then(|| "--baud sets the baud rate of a --serial port".to_owned())
+}
+
 /// Returns the message about an event of a reconnecting link, with its hint.
 #[must_use]
 pub fn link_event(event: &LinkEvent) -> String {
@@ -177,6 +185,23 @@ mod tests {
             ),
         ] {
             assert!(connect_error(&error).unwrap().contains(option), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_request_without_an_answer_gets_the_option_that_changes_that() {
+        let nobody = AskError::Nobody {
+            role: Role::Controller,
+            domain: "d".to_owned(),
+            other_users: Vec::new(),
+        };
+        let hint = ask_error(&nobody).unwrap();
+        assert!(hint.contains("`controller --policy FILE --domain d`"), "{hint}");
+        for error in [
+            ClientError::Silent { waited: Duration::from_secs(1) },
+            ClientError::Noise { waited: Duration::from_secs(1), bad: 2 },
+        ] {
+            assert!(client_error(&error).unwrap().contains("--baud"), "{error}");
         }
     }
 

@@ -6,6 +6,7 @@
 //! before the first message. A process that ends in good order removes its file; a
 //! killed one leaves the file behind, unlocked.
 
+use std::fmt;
 use std::fs::{self, File, TryLockError};
 use std::io::{self, Read, Seek, Write};
 use std::path::{Path, PathBuf};
@@ -27,6 +28,8 @@ pub(crate) struct RoleRecord {
     /// Process id of the peer whose ports the holder has found: it will receive that
     /// peer's messages.
     pub(crate) connected_to: Option<u32>,
+    /// Process id of the peer whose session parameters the holder has rejected.
+    pub(crate) rejected: Option<u32>,
 }
 
 impl RoleRecord {
@@ -65,6 +68,7 @@ impl RoleRecord {
                 }),
             },
             connected_to: field("met").and_then(|pid| pid.parse().ok()),
+            rejected: field("rejected").and_then(|pid| pid.parse().ok()),
         })
     }
 }
@@ -149,7 +153,12 @@ impl RoleLock {
                 File::options().create(true).truncate(false).read(true).write(true).open(&path)?;
             match file.try_lock() {
                 Ok(()) if still_named(&file, &path) => {
-                    let record = RoleRecord { pid: std::process::id(), params, connected_to: None };
+                    let record = RoleRecord {
+                        pid: std::process::id(),
+                        params,
+                        connected_to: None,
+                        rejected: None,
+                    };
                     file.set_len(0)?;
                     file.rewind()?;
                     file.write_all(record.text().as_bytes())?;
@@ -166,10 +175,19 @@ impl RoleLock {
         }))
     }
 
-    /// Publishes that this end receives the messages of process `pid`. Appends to
-    /// the record in one write, so that a reader always sees the rest complete.
-    pub(crate) fn publish_connection(&mut self, pid: u32) -> io::Result<()> {
-        self.file.write_all(format!("met {pid}\n").as_bytes())
+    /// Publishes that this end receives the messages of process `pid`.
+    pub(crate) fn publish_connection(&self, pid: u32) -> io::Result<()> {
+        self.append(format_args!("met {pid}\n"))
+    }
+
+    /// Publishes that this end rejects the session parameters of process `pid`.
+    pub(crate) fn publish_rejection(&self, pid: u32) -> io::Result<()> {
+        self.append(format_args!("rejected {pid}\n"))
+    }
+
+    /// Appends a line in one write, so that a reader always sees the rest complete.
+    fn append(&self, line: fmt::Arguments<'_>) -> io::Result<()> {
+        (&self.file).write_all(line.to_string().as_bytes())
     }
 }
 
@@ -195,12 +213,16 @@ mod tests {
         assert_eq!(leg_presence(), Presence::Absent);
 
         let params = SessionParams::at(1000).with_gravity(0.1 + 0.2).with_leg(&LegModel::HUMAN);
-        let mut lock = RoleLock::acquire(&domain, Role::Leg, params).unwrap();
-        let record = RoleRecord { pid: std::process::id(), params, connected_to: None };
+        let lock = RoleLock::acquire(&domain, Role::Leg, params).unwrap();
+        let record =
+            RoleRecord { pid: std::process::id(), params, connected_to: None, rejected: None };
         assert_eq!(leg_presence(), Presence::Alive(Some(record)));
         lock.publish_connection(77).unwrap();
         let connected = RoleRecord { connected_to: Some(77), ..record };
         assert_eq!(leg_presence(), Presence::Alive(Some(connected)));
+        lock.publish_rejection(78).unwrap();
+        let rejecting = RoleRecord { rejected: Some(78), ..connected };
+        assert_eq!(leg_presence(), Presence::Alive(Some(rejecting)));
         let second = acquire(Role::Leg, 500);
         assert!(matches!(second, Err(RoleLockError::Taken(Some(pid))) if pid == record.pid));
         assert!(acquire(Role::Controller, 1000).is_ok());

@@ -48,7 +48,6 @@ fn a_question_is_answered_or_refused_in_words() {
     drop(open);
     let nobody = asked(&domain, &Request::Status).unwrap_err().to_string();
     assert!(nobody.contains("no controller is running in domain `d`"), "{nobody}");
-    assert!(nobody.contains("controller --policy FILE --domain d"), "{nobody}");
     assert!(!path(domain.root(), Role::Controller).exists());
 }
 

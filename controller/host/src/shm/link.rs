@@ -15,16 +15,13 @@ use leg_process::Stop;
 
 use super::error::{ConnectError, MissingPeer, disagreement, failed};
 use super::payload::{Message, Payload};
-use super::peer_monitor::{MonitorCore, PeerEvent, PeerMonitor};
+use super::peer_monitor::{MonitorCore, PeerEvent, PeerMonitor, await_rejection};
 use super::service::{config, retry, service};
 use crate::discovery::{Domain, Presence, RoleLock, RoleLockError, other_users, presence};
 use crate::link::{Link, LinkError, Peer, SessionParams, TimeMode, Waiter};
 
 /// Interval between two checks for a peer that has not connected yet.
 const CHECK_INTERVAL: Duration = Duration::from_millis(1);
-/// How long a rejected process keeps its role, so that its peer can read its record
-/// and report the reason too.
-const LINGER: Duration = Duration::from_millis(100);
 
 /// One end of a link between two processes.
 // The ports must be dropped before the core, which holds what they depend on.
@@ -95,7 +92,7 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
             RoleLockError::Io(cause) => failed(domain, "acquire the role", &cause),
         })?;
         // Before opening a service: the record gives a clearer reason than its attributes.
-        Self::check_agreement(domain, params)?;
+        Self::check_agreement(domain, &role, params)?;
 
         // iceoryx2 would also log each error that it returns.
         set_log_level_from_env_or(LogLevel::Fatal);
@@ -167,7 +164,7 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
             match self.update_peer()? {
                 Some(PeerEvent::Connected(peer)) => return Ok(peer),
                 Some(PeerEvent::Rejected(cause)) => {
-                    std::thread::sleep(LINGER);
+                    self.core.await_rejection();
                     return Err(cause);
                 }
                 Some(PeerEvent::Lost(_)) | None => (),
@@ -189,13 +186,19 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
     }
 
     /// Returns an error if the peer is present and its session parameters disagree.
-    fn check_agreement(domain: &Arc<Domain>, ours: SessionParams) -> Result<(), ConnectError> {
+    fn check_agreement(
+        domain: &Arc<Domain>,
+        role: &RoleLock,
+        ours: SessionParams,
+    ) -> Result<(), ConnectError> {
         let presence = presence(domain, In::SENDER)
             .map_err(|cause| failed(domain, "check for the peer", &cause))?;
         if let Presence::Alive(Some(record)) = presence
             && let Some(error) = disagreement(In::SENDER, record.params, ours)
         {
-            std::thread::sleep(LINGER);
+            role.publish_rejection(record.pid)
+                .map_err(|cause| failed(domain, "write the role's record", &cause))?;
+            await_rejection(domain, In::SENDER, record.pid);
             return Err(error);
         }
         Ok(())

@@ -7,6 +7,7 @@
 use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 
 use iceoryx2::identifiers::{UniqueNodeId, UniquePublisherId};
 use iceoryx2::prelude::{CallbackProgression, Node, PortFactory as _, ipc};
@@ -15,7 +16,23 @@ use super::error::{ConnectError, disagreement, failed};
 use super::payload::Message;
 use super::service::Service;
 use crate::discovery::{Domain, Presence, RoleLock, RoleRecord, presence};
-use crate::link::{LinkError, Peer, PeerStatus, SessionParams};
+use crate::link::{LinkError, Peer, PeerStatus, Role, SessionParams};
+
+/// Longest time that a rejected process keeps its role for its peer to read its record.
+const REJECTION_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// Waits until process `pid` in `role` has rejected this process too or is gone, so
+/// that both report the reason. A process that leaves before would only be missing.
+pub(super) fn await_rejection(domain: &Domain, role: Role, pid: u32) {
+    let deadline = Instant::now() + REJECTION_TIMEOUT;
+    while let Ok(Presence::Alive(Some(record))) = presence(domain, role)
+        && record.pid == pid
+        && record.rejected != Some(std::process::id())
+        && Instant::now() < deadline
+    {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
 
 /// A change of the peer that an update has detected.
 #[derive(Debug)]
@@ -138,6 +155,18 @@ impl<Out: Message, In: Message> MonitorCore<Out, In> {
         }
     }
 
+    /// Waits until the peer that was rejected last has rejected this process too.
+    pub(super) fn await_rejection(&self) {
+        let rejected = self.state().rejected;
+        if let Some(pid) = rejected {
+            await_rejection(&self.domain, In::SENDER, pid);
+        }
+    }
+
+    fn record_error(&self, cause: &dyn fmt::Display) -> ConnectError {
+        failed(&self.domain, "write the role's record", cause)
+    }
+
     /// Returns how the last peer was lost, until another is connected.
     pub(super) fn lost(&self) -> Option<LinkError> {
         self.state().lost.clone()
@@ -200,8 +229,11 @@ impl<Out: Message, In: Message> MonitorCore<Out, In> {
         };
         if let Some(error) = disagreement(In::SENDER, record.params, self.params) {
             state.peer = PeerState::Absent;
-            let is_new = state.rejected.replace(record.pid) != Some(record.pid);
-            return Ok(is_new.then_some(PeerEvent::Rejected(error)));
+            if state.rejected.replace(record.pid) == Some(record.pid) {
+                return Ok(None);
+            }
+            state.role.publish_rejection(record.pid).map_err(|cause| self.record_error(&cause))?;
+            return Ok(Some(PeerEvent::Rejected(error)));
         }
         let connecting = match state.peer {
             PeerState::Connecting(peer) if peer.pid == record.pid => Some(peer),
@@ -231,8 +263,7 @@ impl<Out: Message, In: Message> MonitorCore<Out, In> {
             return Ok(None);
         };
         self.accepted.store(key(publisher), Ordering::Relaxed);
-        let published = state.role.publish_connection(pid);
-        published.map_err(|cause| failed(&self.domain, "write the role's record", &cause))?;
+        state.role.publish_connection(pid).map_err(|cause| self.record_error(&cause))?;
         Ok(Some(Peer { role: In::SENDER, pid, leg: params.leg }))
     }
 

@@ -18,7 +18,7 @@ mod trace;
 use anyhow::{Context, Result, ensure};
 use budgets::{Budgets, Measured};
 use harness::board::BOARDS;
-use harness::root;
+use harness::checkout;
 use profile::Profile;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -73,7 +73,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         unit: "bytes",
         value: stack::deepest(BOARDS[0])?,
     });
-    let path = root().join(BUDGETS);
+    let path = checkout().join(BUDGETS);
     let budgets = Budgets::read(&path)?;
     println!("{}", budgets.table(&measured));
     if args.accept {
@@ -109,13 +109,14 @@ impl Images {
     /// Builds the images with the flags of the firmware, or with other ones.
     fn build(flags: Option<&str>) -> Result<Self> {
         // One folder per set of flags, so that changing flags rebuilds nothing.
-        let target = root().join("target/firmware").join(flags.map_or("bench", |_| "bench-vmla"));
+        let target =
+            checkout().join("target/firmware").join(flags.map_or("bench", |_| "bench-vmla"));
         let mut cargo = Command::new(env!("CARGO"));
         cargo
             .args(["build", "--quiet", "--release", "--features", "bench"])
             .args(["--bin", "measure", "--bin", "compare", "--target-dir"])
             .arg(&target)
-            .current_dir(root().join("controller/firmware"))
+            .current_dir(checkout().join("controller/firmware"))
             .env_remove("CARGO_TARGET_DIR")
             .env_remove("RUSTFLAGS");
         if let Some(flags) = flags {

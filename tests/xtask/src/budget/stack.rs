@@ -2,8 +2,8 @@
 
 use anyhow::{Context, Result};
 use harness::board::Board;
+use harness::checkout;
 use harness::emulator::Emulator;
-use harness::root;
 
 use crate::programs::{Programs, Running};
 use crate::setup;
@@ -20,7 +20,7 @@ const TICKS: u64 = 500;
 pub(super) fn deepest(board: Board) -> Result<u64> {
     setup::emulation()?;
     let programs = Programs::build()?;
-    let policy = root().join("controller/policies/robust.bin");
+    let policy = checkout().join("controller/policies/robust.bin");
     let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
     let mut emulator = Emulator::start(&board.build()?, Some(&policy), folder.path())?;
     emulator.wait_until_asleep()?;
