@@ -42,7 +42,7 @@ impl<'a> Controller<'a> {
         Self {
             cascade: Cascade::new(),
             gait: Self::gait(&policy),
-            guard: Guard::new(*config.limits(), config.tick_ns()),
+            guard: Guard::new(config.limits(), config.tick_ns()),
             estimator: DensityEstimator::new(),
             telemetry: Telemetry::default(),
             command: LegCommand::SAFE,
@@ -58,7 +58,7 @@ impl<'a> Controller<'a> {
     pub fn restart(&mut self, config: Config) {
         self.take_next();
         self.config = config;
-        self.guard = Guard::new(*config.limits(), config.tick_ns());
+        self.guard = Guard::new(config.limits(), config.tick_ns());
         self.command = LegCommand::SAFE;
         self.set_point_m_s = 0.0;
         self.forget();
@@ -112,7 +112,7 @@ impl<'a> Controller<'a> {
     /// Returns the limits of measurements and set-points.
     #[must_use]
     pub fn limits(&self) -> &Limits {
-        self.guard.limits()
+        self.config.limits()
     }
 
     /// Returns the set-point in force, m/s: the last one that was accepted.
@@ -131,7 +131,7 @@ impl<'a> Controller<'a> {
     #[inline]
     pub fn step(&mut self, measurement: Option<&Measurement>, set_point_m_s: f32) -> Output {
         let checked = match measurement {
-            Some(measurement) => self.guard.limits().check(measurement),
+            Some(measurement) => self.limits().check(measurement),
             None => Err(Reject::Missing),
         };
         let (status, rejected) = self.step_checked(checked, set_point_m_s);
@@ -205,7 +205,7 @@ impl<'a> Controller<'a> {
 
     fn take_set_point(&mut self, set_point_m_s: f32) {
         // A NaN is within no limit.
-        if set_point_m_s.abs() <= self.guard.limits().max_speed_m_s {
+        if set_point_m_s.abs() <= self.limits().max_speed_m_s {
             self.set_point_m_s = set_point_m_s;
         } else {
             self.guard.count_refused_set_point();
@@ -243,7 +243,7 @@ impl<'a> Controller<'a> {
         let Some(density) = density else { return };
         let density_ratio = clamp(density, manifest.media.density_ratio);
         // Extrapolated from a fall that hardly accelerates, an apex can lie anywhere.
-        let apex_y_m = clamp(apex.y_m, self.guard.limits().height_m);
+        let apex_y_m = clamp(apex.y_m, self.limits().height_m);
         let gains = gains_at(&manifest.gains, density_ratio);
         let offset = self.cascade.update(&gains, self.set_point_m_s, apex.vx_m_s);
         let observation =

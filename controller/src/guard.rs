@@ -257,7 +257,10 @@ enum State {
 /// The guard and its memory.
 #[derive(Clone, Debug)]
 pub struct Guard {
-    limits: Limits,
+    /// [`Limits::max_gap_ns`].
+    max_gap_ns: u64,
+    /// [`Limits::recover_after_ticks`].
+    recover_after_ticks: u32,
     safe_after_ticks: u32,
     state: State,
     /// Time of the last good measurement, ns; forgotten in the safe state.
@@ -269,11 +272,14 @@ pub struct Guard {
 
 impl Guard {
     /// Returns a guard that starts in the safe state and trusts the first good measurement.
+    /// It judges measurements that [`Limits::check`] of the same limits has checked.
     #[must_use]
-    pub fn new(limits: Limits, tick_ns: u64) -> Self {
-        let state = State::Safe { good_ticks: limits.recover_after_ticks.saturating_sub(1) };
+    pub fn new(limits: &Limits, tick_ns: u64) -> Self {
+        let &Limits { max_gap_ns, recover_after_ticks, .. } = limits;
+        let state = State::Safe { good_ticks: recover_after_ticks.saturating_sub(1) };
         Self {
-            limits,
+            max_gap_ns,
+            recover_after_ticks,
             safe_after_ticks: safe_after_ticks(tick_ns),
             state,
             last_ns: None,
@@ -286,12 +292,6 @@ impl Guard {
     #[must_use]
     pub fn counts(&self) -> &Counts {
         &self.counts
-    }
-
-    /// Returns the limits that measurements are checked against.
-    #[must_use]
-    pub fn limits(&self) -> &Limits {
-        &self.limits
     }
 
     /// Announces that the next measurement begins another run: its time may be any, and
@@ -322,7 +322,7 @@ impl Guard {
             self.counts = Counts::default();
         }
         match self.state {
-            State::Safe { good_ticks } if good_ticks + 1 < self.limits.recover_after_ticks => {
+            State::Safe { good_ticks } if good_ticks + 1 < self.recover_after_ticks => {
                 self.state = State::Safe { good_ticks: good_ticks + 1 };
                 Verdict::Safe(None)
             }
@@ -363,7 +363,7 @@ impl Guard {
         if t_ns < last_ns {
             return Err(Reject::OutOfOrder);
         }
-        if t_ns - last_ns > self.limits.max_gap_ns { Err(Reject::Gap) } else { Ok(()) }
+        if t_ns - last_ns > self.max_gap_ns { Err(Reject::Gap) } else { Ok(()) }
     }
 }
 

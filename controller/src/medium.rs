@@ -13,7 +13,7 @@ use heapless::Deque;
 const WINDOW: usize = 32;
 /// Age of the oldest measurement in the window, ns. In a longer window, drag before the
 /// apex would bias the estimate (see the tests).
-const WINDOW_NS: u64 = 40_000_000;
+const WINDOW_NS: u32 = 40_000_000;
 /// Fewest measurements of an estimate.
 const MIN_SAMPLES: usize = 3;
 
@@ -59,9 +59,10 @@ impl DensityEstimator {
         let window = || {
             self.flight
                 .iter()
-                .map(|&(t, vy)| (now.saturating_sub(t), vy - vy_now))
+                // In 32 bits: a Cortex-M converts 64 in software.
+                .filter_map(|&(t, vy)| Some((u32::try_from(now.saturating_sub(t)).ok()?, vy)))
                 .filter(|&(age_ns, _)| age_ns <= WINDOW_NS)
-                .map(|(age_ns, dv)| (-1e-9 * age_ns as f32, dv))
+                .map(|(age_ns, vy)| (-1e-9 * age_ns as f32, vy - vy_now))
         };
         let (mut n, mut sum_t, mut sum_v) = (0_usize, 0.0_f32, 0.0_f32);
         for (t, v) in window() {

@@ -20,7 +20,7 @@ fn measurement(tick: u64) -> Measurement {
 }
 
 fn judge<'m>(guard: &mut Guard, measurement: &'m Measurement) -> Verdict<'m> {
-    let checked = guard.limits().check(measurement);
+    let checked = Limits::default().check(measurement);
     guard.judge(checked)
 }
 
@@ -29,7 +29,7 @@ fn missing(guard: &mut Guard) -> Verdict<'static> {
 }
 
 fn running() -> Guard {
-    let mut guard = Guard::new(Limits::default(), TICK_NS);
+    let mut guard = Guard::new(&Limits::default(), TICK_NS);
     assert!(matches!(judge(&mut guard, &measurement(100)), Verdict::Restart(_)));
     guard
 }
@@ -82,7 +82,7 @@ fn the_silence_before_the_safe_state_is_a_time_at_every_rate() {
 fn a_corrupt_time_stamp_does_not_lock_out_the_true_ones() {
     let mut guard = running();
     let mut far = measurement(101);
-    far.t_ns += guard.limits().max_gap_ns - TICK_NS;
+    far.t_ns += Limits::default().max_gap_ns - TICK_NS;
     assert!(matches!(judge(&mut guard, &far), Verdict::Use(_)));
     let after =
         (102..150).position(|k| matches!(judge(&mut guard, &measurement(k)), Verdict::Restart(_)));
@@ -171,7 +171,7 @@ fn accepts_exactly_what_is_finite_and_in_range() {
                 density_ratio.is_none_or(|rho| within(rho, 0.0, 2.0)),
             ]
             .into();
-            let mut guard = Guard::new(Limits::default(), TICK_NS);
+            let mut guard = Guard::new(&Limits::default(), TICK_NS);
             let used = matches!(judge(&mut guard, &any), Verdict::Restart(_));
             assert_eq!(used, good.iter().all(|&g| g), "{any:?}");
             cases += 1;

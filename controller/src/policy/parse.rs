@@ -169,8 +169,10 @@ fn check_values(
     check_gains(manifest)
 }
 
+/// Returns whether no value is infinite or NaN. Not inlined, to save flash.
+#[inline(never)]
 fn all_finite(values: &[f32]) -> bool {
-    all_within(values, f32::MIN, f32::MAX)
+    values.iter().all(|x| x.is_finite())
 }
 
 fn check_gains(manifest: &Manifest<'_>) -> Result<(), ParseError> {
