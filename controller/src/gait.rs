@@ -17,6 +17,12 @@ use crate::guard::Trusted;
 use crate::measurement::{Contact, Measurement};
 use nalgebra::Vector2;
 
+// The same bits from both: IEEE 754 defines the square root to the last bit.
+#[cfg(all(feature = "m4f-asm", target_arch = "arm", target_abi = "eabihf"))]
+use leg_kernel_m4f::sqrt;
+#[cfg(not(all(feature = "m4f-asm", target_arch = "arm", target_abi = "eabihf")))]
+use libm::sqrtf as sqrt;
+
 /// A leg counts as loaded when it is shorter than its rest length by more than
 /// this part of it: above the noise of a length sensor, below any real load.
 const LENGTH_TOLERANCE: f32 = 1e-4;
@@ -46,9 +52,16 @@ impl Motion {
         Self { t_ns, vx_m_s, y_m, vy_m_s }
     }
 
-    fn seconds_since(&self, earlier_ns: u64) -> f32 {
-        1e-9 * self.t_ns.saturating_sub(earlier_ns) as f32
+    /// Returns the time since the measurement before, s.
+    fn seconds_after(&self, before: &Self) -> f32 {
+        // At most the longest gap, 1 s: 32 bits are enough, and need no software.
+        1e-9 * self.t_ns.saturating_sub(before.t_ns) as u32 as f32
     }
+}
+
+/// Returns the time from `earlier_ns` to `later_ns`, s; 0 unless that is later.
+fn seconds_between(earlier_ns: u64, later_ns: u64) -> f32 {
+    1e-9 * later_ns.saturating_sub(earlier_ns) as f32
 }
 
 /// The action in force, with what is computed from it once.
@@ -140,7 +153,7 @@ impl Gait {
         }
         let before = before?;
         if self.in_flight() && was_in_flight {
-            let dt = now.seconds_since(before.t_ns);
+            let dt = now.seconds_after(&before);
             self.vertical_accel_m_s2 = (now.vy_m_s - before.vy_m_s) / dt;
         }
         if !was_in_flight {
@@ -168,7 +181,8 @@ impl Gait {
                 }
             }
             Phase::Stance { touchdown_ns, elongation_speed_m_s, from_foot_m } => {
-                let grown_m = elongation_speed_m_s * now.seconds_since(touchdown_ns);
+                let since_s = seconds_between(touchdown_ns, now.t_ns);
+                let grown_m = elongation_speed_m_s * since_s;
                 let (elongation_m, elongation_rate_m_s) = if grown_m < self.max_elongation_m {
                     (grown_m, elongation_speed_m_s)
                 } else {
@@ -201,7 +215,7 @@ impl Gait {
         let elongation_m = match self.phase {
             Phase::Flight => 0.0,
             Phase::Stance { touchdown_ns, elongation_speed_m_s, .. } => {
-                let since_s = 1e-9 * measurement.t_ns.saturating_sub(touchdown_ns) as f32;
+                let since_s = seconds_between(touchdown_ns, measurement.t_ns);
                 let grown_m = elongation_speed_m_s * since_s;
                 if grown_m < self.max_elongation_m { grown_m } else { self.max_elongation_m }
             }
@@ -212,7 +226,7 @@ impl Gait {
 
     fn touch_down(&mut self, now: Motion, before: Option<Motion>) {
         let since_s = before.map_or(0.0, |before| {
-            let tick_s = now.seconds_since(before.t_ns);
+            let tick_s = now.seconds_after(&before);
             match self.time_to_touchdown_s {
                 Some(predicted) if predicted < tick_s => tick_s - predicted,
                 // Touchdown came earlier than predicted: take this measurement's time.
@@ -234,7 +248,7 @@ impl Gait {
     /// Moves the mass over the foot, while the foot stands.
     fn pivot(&mut self, now: Motion, before: Motion) {
         if let Phase::Stance { from_foot_m, .. } = &mut self.phase {
-            let dt = now.seconds_since(before.t_ns);
+            let dt = now.seconds_after(&before);
             *from_foot_m += 0.5 * (before.vx_m_s + now.vx_m_s) * dt;
         }
     }
@@ -253,7 +267,7 @@ impl Gait {
         if discriminant <= 0.0 {
             return None;
         }
-        let s = 2.0 * h / (libm::sqrtf(discriminant) - now.vy_m_s);
+        let s = 2.0 * h / (sqrt(discriminant) - now.vy_m_s);
         s.is_finite().then_some(s)
     }
 }
@@ -265,7 +279,7 @@ fn apex_between(before: Motion, now: Motion) -> Option<Apex> {
         return None;
     }
     let part = before.vy_m_s / (before.vy_m_s - now.vy_m_s);
-    let dt = now.seconds_since(before.t_ns);
+    let dt = now.seconds_after(&before);
     Some(Apex {
         vx_m_s: before.vx_m_s + part * (now.vx_m_s - before.vx_m_s),
         y_m: before.y_m + 0.5 * before.vy_m_s * part * dt,

@@ -1,18 +1,22 @@
-//! A layer with ReLU, ten rows at a time, in assembly for a Cortex-M4F: the only
-//! unsafe code on the way of the control law, in a crate of its own so that
-//! `controller` can forbid it.
+//! A layer with ReLU, ten rows at a time, and the square root, in assembly for a
+//! Cortex-M4F: the only unsafe code on the way of the control law, in a crate of its
+//! own so that `controller` can forbid it.
 //!
-//! `push_outputs` exists on Arm targets with the hard-float ABI
-//! alone; elsewhere this crate is empty and `controller` runs its portable kernel.
-//! That one is also the oracle that this one is compared with, bit for bit, by the
-//! bench image of `controller/firmware` on every `cargo xtask budget`.
+//! `push_outputs` and `sqrt` exist on Arm targets with the hard-float ABI
+//! alone; elsewhere this crate is empty and `controller` runs its portable kernel and
+//! the square root of libm. Those are also the oracles that these are compared with,
+//! bit for bit, by the bench image of `controller/firmware` on every `cargo xtask budget`.
 #![no_std]
 
 #[cfg(all(target_arch = "arm", target_abi = "eabihf"))]
 mod layer;
+#[cfg(all(target_arch = "arm", target_abi = "eabihf"))]
+mod root;
 
 #[cfg(all(target_arch = "arm", target_abi = "eabihf"))]
 pub use layer::push_outputs;
+#[cfg(all(target_arch = "arm", target_abi = "eabihf"))]
+pub use root::sqrt;
 
 /// Rows that are computed side by side, as many as leave registers for a column.
 pub const ROWS: usize = 10;

@@ -1,5 +1,6 @@
-//! Compares the kernel that this build has chosen with the portable one, bit for
-//! bit, on random networks and inputs; ends with 1 at the first difference.
+//! Compares what is in assembly with what it stands for, bit for bit, and ends with
+//! a status of its own at the first difference: the kernel that this build has chosen
+//! with the portable one, on random networks and inputs, and the square root with libm's.
 #![no_std]
 #![no_main]
 
@@ -34,6 +35,11 @@ const ROOM: usize = 4_096;
 const DIFFERENT: i32 = 1;
 /// Exit status: a shape is not that of an actor, or too large.
 const BAD_SHAPE: i32 = 2;
+/// Exit status: the square roots differ.
+const DIFFERENT_ROOTS: i32 = 3;
+
+/// Square roots that are compared: one of so many bit patterns, from 0 on.
+const ROOTS_STEP: usize = 4_093;
 
 /// Xorshift32, of George Marsaglia.
 struct Random(u32);
@@ -80,18 +86,29 @@ fn main() -> ! {
             }
         }
     }
+    if !(0..=u32::MAX).step_by(ROOTS_STEP).map(f32::from_bits).all(roots_agree) {
+        semihosting::process::exit(DIFFERENT_ROOTS)
+    }
     semihosting::process::exit(0)
 }
 
-/// Whether both kernels give the same bits for random inputs. (Any NaN is as good
-/// as another: the language leaves its sign and payload open.)
+/// Returns the bits of a float. Any NaN is as good as another: the language leaves its
+/// sign and payload open.
+fn bits(x: f32) -> u32 {
+    if x.is_nan() { f32::NAN.to_bits() } else { x.to_bits() }
+}
+
+fn roots_agree(x: f32) -> bool {
+    bits(leg_kernel_m4f::sqrt(x)) == bits(libm::sqrtf(x))
+}
+
+/// Whether both kernels give the same bits for random inputs.
 fn agree(widths: &Widths, weights: &[f32], random: &mut Random) -> bool {
     let action = ActionScaling { scale: [1.0; 2], offset: [0.0; 2], low: [0.0; 2], high: [1.0; 2] };
     let Ok(actor) = Actor::new(widths.clone(), ObservationScaling::IDENTITY, action, weights)
     else {
         semihosting::process::exit(BAD_SHAPE)
     };
-    let bits = |x: f32| if x.is_nan() { f32::NAN.to_bits() } else { x.to_bits() };
     (0..INPUTS).all(|_| {
         let input = [(); 3].map(|()| random.input());
         actor.sums(input).map(bits) == actor.sums_portable(input).map(bits)
