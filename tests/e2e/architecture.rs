@@ -13,6 +13,7 @@ const ALLOWED: [(&str, &[&str]); 4] = [
         "leg-control",
         &[
             "bytemuck",
+            "cobs",
             "crc",
             "defmt",
             "embedded-io",

@@ -54,7 +54,7 @@ impl RepeatFilter {
 /// passed to each call. Commands of live ticks do not come this way: whoever
 /// calls [`super::node::ControlNode::live_tick`] encodes its result as
 /// [`ToHost::Command`] with [`frame::encode`].
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Endpoint {
     receiver: Receiver,
     filter: RepeatFilter,

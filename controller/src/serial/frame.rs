@@ -10,13 +10,11 @@
 //! noise on an idle line from the frame: without it, noise would cost the frame
 //! behind it. Two borders with nothing between them are ignored. No body is long
 //! enough for a full COBS group of 254 bytes.
-//!
-//! COBS is written out here, a few lines each way: a message is encoded in place,
-//! where the state machine of the `cobs` crate needs a second buffer.
 
 use core::error::Error;
 use core::fmt;
 
+use cobs::{DecodeResult, DecoderState, EncoderState, PushResult};
 use serde::{Deserialize, Serialize};
 
 use super::PROTOCOL_VERSION;
@@ -93,7 +91,7 @@ pub fn encode<'f>(
     message: &impl Serialize,
     frame: &'f mut [u8; MAX_FRAME],
 ) -> Result<&'f [u8], TooLongError> {
-    let [border, code, rest @ ..] = frame;
+    let [border, _, rest @ ..] = frame;
     let (version, room) = rest.split_first_mut().ok_or(TooLongError)?;
     *version = PROTOCOL_VERSION;
     let room = room.get_mut(..MAX_PAYLOAD).ok_or(TooLongError)?;
@@ -104,17 +102,27 @@ pub fn encode<'f>(
     let end = rest.first_mut().ok_or(TooLongError)?;
     (*border, *end) = (0, 0);
 
-    // Backwards, each 0 becomes the length of the run behind it plus 1.
-    let mut run = 1;
-    for byte in crc.iter_mut().rev().chain(checked.iter_mut().rev()) {
-        if *byte == 0 {
-            *byte = core::mem::replace(&mut run, 1);
-        } else {
-            run += 1;
+    let body_len = 1 + payload_len + CRC_LEN;
+    encode_cobs(frame.get_mut(1..2 + body_len).ok_or(TooLongError)?);
+    frame.get(..body_len + 3).ok_or(TooLongError)
+}
+
+/// Encodes in place the body that lies behind the first byte; that byte becomes the
+/// first code. No byte moves: each 0 becomes a code, and a body has no full group.
+fn encode_cobs(encoded: &mut [u8]) {
+    let mut state = EncoderState::default();
+    for index in 1..encoded.len() {
+        if let Some(&byte) = encoded.get(index)
+            && let PushResult::ModifyFromStartAndSkip((at, code)) = state.push(byte)
+            && let Some(place) = encoded.get_mut(at)
+        {
+            *place = code;
         }
     }
-    *code = run;
-    frame.get(..1 + payload_len + CRC_LEN + 3).ok_or(TooLongError)
+    let (at, code) = state.finalize();
+    if let Some(place) = encoded.get_mut(at) {
+        *place = code;
+    }
 }
 
 /// Decodes a payload that is one message, with nothing behind it.
@@ -129,28 +137,17 @@ pub fn decode<'p, M: Deserialize<'p>>(payload: &'p [u8]) -> Result<M, UnknownMes
 }
 
 /// Finds frames in a stream of bytes that may hold anything.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Receiver {
     body: [u8; MAX_BODY],
-    /// Bytes of the body so far.
+    /// Bytes of the body so far; more than there is room for when it is oversize.
     len: usize,
     /// Bytes of the last good frame's payload, while it is still there.
     payload_len: usize,
-    state: State,
+    cobs: DecoderState,
     /// Whether the last frame was a bad one.
     after_bad: bool,
     counts: LineCounts,
-}
-
-/// The position of the stream in a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum State {
-    /// The last byte was a border.
-    Border,
-    /// A group has this many bytes to come.
-    Group(u8),
-    /// The frame is already too long.
-    Oversize,
 }
 
 impl Default for Receiver {
@@ -167,7 +164,7 @@ impl Receiver {
             body: [0; MAX_BODY],
             len: 0,
             payload_len: 0,
-            state: State::Border,
+            cobs: DecoderState::Idle,
             after_bad: false,
             counts: LineCounts::ZERO,
         }
@@ -187,19 +184,23 @@ impl Receiver {
 
     /// Takes a byte. At the end of a frame it returns the payload, or the error.
     pub fn push(&mut self, byte: u8) -> Option<Result<&[u8], FrameError>> {
-        if byte != 0 {
-            self.take(byte);
-            return None;
-        }
-        let state = core::mem::replace(&mut self.state, State::Border);
-        if state == State::Border {
-            return None;
-        }
+        let is_valid = match self.cobs.feed(byte) {
+            Ok(DecodeResult::DataContinue(byte)) => {
+                if let Some(place) = self.body.get_mut(self.len) {
+                    *place = byte;
+                }
+                self.len = self.len.saturating_add(1);
+                return None;
+            }
+            Ok(DecodeResult::DataComplete) => true,
+            Ok(_) => return None,
+            Err(_) => false,
+        };
         let len = core::mem::take(&mut self.len);
-        let checked = match state {
-            State::Oversize => Err(FrameError::Oversize),
-            State::Group(0) => self.body.get(..len).ok_or(FrameError::Malformed).and_then(check),
-            State::Group(_) | State::Border => Err(FrameError::Malformed),
+        let checked = match self.body.get(..len) {
+            None => Err(FrameError::Oversize),
+            Some(body) if is_valid => check(body),
+            Some(_) => Err(FrameError::Malformed),
         };
         let count = match checked {
             Ok(_) => &mut self.counts.frames,
@@ -222,23 +223,6 @@ impl Receiver {
     #[must_use]
     pub fn payload(&self) -> &[u8] {
         self.body.get(1..1 + self.payload_len).unwrap_or_default()
-    }
-
-    fn take(&mut self, byte: u8) {
-        self.state = match self.state {
-            State::Border => State::Group(byte - 1),
-            // Between two groups there was a 0.
-            State::Group(0) => self.store(0, byte - 1),
-            State::Group(left) => self.store(byte, left - 1),
-            State::Oversize => State::Oversize,
-        };
-    }
-
-    fn store(&mut self, byte: u8, left: u8) -> State {
-        let Some(place) = self.body.get_mut(self.len) else { return State::Oversize };
-        *place = byte;
-        self.len += 1;
-        State::Group(left)
     }
 }
 
