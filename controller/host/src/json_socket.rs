@@ -19,7 +19,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use super::discovery::{Domain, DomainError, other_users, other_users_note};
+use super::discovery::{Domain, DomainError, Whereabouts};
 use super::link::Role;
 use super::socket::{SocketError, SocketFile};
 
@@ -41,14 +41,14 @@ pub enum AskError {
     #[error(transparent)]
     Domain(#[from] DomainError),
     /// No process has that role in the domain.
-    #[error("no {role} is running in domain `{domain}`{}", other_users_note(other_users))]
+    #[error("no {role} is running in domain `{domain}`{whereabouts}")]
     Nobody {
         /// The role.
         role: Role,
         /// The domain.
         domain: String,
-        /// Other users with domains in the same place.
-        other_users: Vec<u32>,
+        /// Where it was looked for, and where else one runs.
+        whereabouts: Whereabouts,
     },
     /// The process did not answer in time.
     #[error("the {role} in domain `{domain}` has not answered for {:.1} s; is it stopped?", waited.as_secs_f64())]
@@ -249,9 +249,11 @@ fn ask_at<Q: Serialize, R: DeserializeOwned>(
         read_line(&mut socket, deadline)
     };
     let answer = exchange().map_err(|cause| match cause.kind() {
-        ErrorKind::NotFound | ErrorKind::ConnectionRefused => {
-            AskError::Nobody { role, domain: domain.clone(), other_users: other_users() }
-        }
+        ErrorKind::NotFound | ErrorKind::ConnectionRefused => AskError::Nobody {
+            role,
+            domain: domain.clone(),
+            whereabouts: Whereabouts::of(role, root),
+        },
         ErrorKind::TimedOut | ErrorKind::WouldBlock => {
             AskError::Silent { role, domain: domain.clone(), waited: timeout }
         }

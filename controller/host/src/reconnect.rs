@@ -118,7 +118,6 @@ where
                     (self.on_event)(&LinkEvent::Reconnected { peer, after: lost.elapsed() });
                     return Ok(());
                 }
-                Err(ConnectError::Stopped(_)) => return Err(LinkError::Stopped),
                 // `keep_waiting` has ended the wait.
                 Err(ConnectError::PeerMissing(_)) if lost.elapsed() < self.timeout => {
                     return Err(cause);
@@ -129,10 +128,10 @@ where
                         waited_ms: lost.elapsed().as_millis() as u64,
                     });
                 }
-                Err(ConnectError::Transport { action, cause, .. }) => {
-                    return Err(LinkError::Transport { action, cause });
+                Err(error) if error.is_disagreement() => {
+                    (self.on_event)(&LinkEvent::Rejected(error));
                 }
-                Err(disagreement) => (self.on_event)(&LinkEvent::Rejected(disagreement)),
+                Err(error) => return Err(error.into()),
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::io;
-use std::os::unix::fs::FileTypeExt;
+use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 
@@ -26,9 +26,13 @@ pub enum SocketError {
     },
 }
 
-/// A socket's file; removed when dropped.
+/// A socket's file; removed when dropped, unless another has taken its place.
 #[derive(Debug)]
-pub struct SocketFile(PathBuf);
+pub struct SocketFile {
+    path: PathBuf,
+    /// Device and inode number.
+    id: (u64, u64),
+}
 
 impl SocketFile {
     /// Listens at `path`, in place of a socket that a dead process left there.
@@ -52,13 +56,22 @@ impl SocketFile {
             }
             bound => bound,
         };
-        Ok((Self(path.to_owned()), bound.map_err(failed)?))
+        let listener = bound.map_err(failed)?;
+        let id = id(path).map_err(failed)?;
+        Ok((Self { path: path.to_owned(), id }, listener))
     }
+}
+
+fn id(path: &Path) -> io::Result<(u64, u64)> {
+    let metadata = fs::symlink_metadata(path)?;
+    Ok((metadata.dev(), metadata.ino()))
 }
 
 impl Drop for SocketFile {
     fn drop(&mut self) {
-        let _ = fs::remove_file(&self.0);
+        if id(&self.path).is_ok_and(|id| id == self.id) {
+            let _ = fs::remove_file(&self.path);
+        }
     }
 }
 
@@ -74,7 +87,11 @@ mod tests {
         assert!(path.exists(), "as a killed process leaves it");
         let (file, _listener) = SocketFile::bind(&path).unwrap();
         assert!(matches!(SocketFile::bind(&path), Err(SocketError::InUse(_))));
+        fs::remove_file(&path).unwrap();
+        let (another, _listener) = SocketFile::bind(&path).unwrap();
         drop(file);
+        assert!(path.exists(), "another process's socket is not removed");
+        drop(another);
         assert!(!path.exists());
         fs::write(&path, "precious").unwrap();
         assert!(matches!(SocketFile::bind(&path), Err(SocketError::NoSocket(_))));

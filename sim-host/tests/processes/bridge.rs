@@ -20,9 +20,13 @@ use serde_json::Value;
 use super::SOON;
 use super::place::{Place, Running, text};
 
-const OPTIONS: [&str; 4] = ["--domain", "test", "--timeout", "30"];
 const TICKS: u64 = 10_000;
 const RUN: [&str; 6] = ["--duration", "10", "--start-vx", "0.2", "--timeout", "30"];
+
+/// Returns the options of a bridge in the domain of a place.
+fn options(place: &Place) -> [&str; 4] {
+    ["--domain", place.domain(), "--timeout", "30"]
+}
 
 /// A disturbance of a board.
 #[derive(Clone, Copy, Debug)]
@@ -108,8 +112,10 @@ fn live(
 }
 
 fn bridge(place: &Place, board: &Board, arguments: &[&str]) -> Running {
-    place
-        .start("bridge", &[&["--unix", board.socket(), "--json"], &OPTIONS[..], arguments].concat())
+    place.start(
+        "bridge",
+        &[&["--unix", board.socket(), "--json"], &options(place)[..], arguments].concat(),
+    )
 }
 
 /// Returns the hash of the run with a controller in the simulator's process.
@@ -246,8 +252,10 @@ fn ends_on_unplug_if_configured_or_after_the_timeout() {
     first.end().assert(1, &["the line to the controller broke", "--on-unplug reconnect"]);
     run.end().assert(1, &["the controller", "left before the run was over"]);
 
-    let second =
-        place.start("bridge", &["--unix", board.socket(), "--domain", "test", "--timeout", "0.7"]);
+    let second = place.start(
+        "bridge",
+        &["--unix", board.socket(), "--domain", place.domain(), "--timeout", "0.7"],
+    );
     let run = place.simulator(&IMPATIENT);
     place.wait_for_the_run(None);
     std::fs::remove_file(&board.path).unwrap();
@@ -271,7 +279,7 @@ fn two_bridges_run_independently() {
     // A domain has one controller.
     let elsewhere = Place::new();
     let other = Board::new(&elsewhere, &[]);
-    let taken = format!("already running in domain `test` (process {})", first.pid());
+    let taken = format!("already running in domain `{}` (process {})", place.domain(), first.pid());
     bridge(&place, &other, &[]).end().assert(1, &[taken]);
 
     first.signal(Signal::INT);
@@ -387,11 +395,25 @@ fn waits_for_a_missing_simulator_and_names_it() {
     let board = Board::new(&place, &[]);
     let bridge = place.start(
         "bridge",
-        &["--unix", board.socket(), "--domain", "test", "--timeout", "3", "--gravity", "1.62"],
+        &[
+            "--unix",
+            board.socket(),
+            "--domain",
+            place.domain(),
+            "--timeout",
+            "3",
+            "--gravity",
+            "1.62",
+        ],
     );
     bridge.end().assert(
         1,
-        &["still waiting", "no simulator in domain `test`", "sim-host run", "--gravity 1.62"],
+        &[
+            "still waiting",
+            &format!("no simulator in domain `{}`", place.domain()),
+            "sim-host run",
+            "--gravity 1.62",
+        ],
     );
     place.assert_clean();
 }
@@ -452,7 +474,8 @@ fn connects_to_the_virtual_board_program() {
     }
     let slots = request(&place, &socket, &["policy", "list"]);
     assert_eq!(slots.pointer("/slots/0/fault"), Some(&"empty".into()), "{slots}");
-    let bridge = place.start("bridge", &[&["--unix", text(&socket)], &OPTIONS[..]].concat());
+    let bridge =
+        place.start("bridge", &[&["--unix", text(&socket)], &options(&place)[..]].concat());
     let run = place.simulator(&["--duration", "1", "--timeout", "30"]).end();
     run.assert(0, &["never left its safe state"]);
     let bridge = bridge.end();

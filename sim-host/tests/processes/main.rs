@@ -6,6 +6,7 @@ mod place;
 mod real_time;
 mod record;
 mod recovery;
+mod shared_memory;
 mod swap;
 mod watch;
 
@@ -13,7 +14,7 @@ use std::fs;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use place::{Place, text};
+use place::{Place, folder_of, text};
 use rustix::process::Signal;
 
 /// Time within which the death of a process must be noticed.
@@ -75,7 +76,10 @@ fn names_a_missing_peer_and_the_command_to_start_it() {
     simulator.assert(1, &["still waiting", "no controller", "controller --policy", "--timeout"]);
     assert!(simulator.took >= Duration::from_millis(1400) && simulator.took < SOON);
     let controller = place.controller(&["--timeout", "0.3"]).end();
-    controller.assert(1, &["no simulator", "sim-host run --domain test --rate 1000"]);
+    controller.assert(
+        1,
+        &["no simulator", &format!("sim-host run --domain {} --rate 1000", place.domain())],
+    );
     place.assert_clean();
 }
 
@@ -175,7 +179,7 @@ fn a_signal_ends_a_run_and_cleans_up() {
 
     // Also while it waits.
     let mut alone = place.simulator(&LONG_TIMEOUT);
-    while !place.base().join("test/leg.card").exists() {
+    while !place.root().join("leg.role").exists() {
         std::thread::sleep(Duration::from_millis(5));
     }
     alone.signal(Signal::INT);
@@ -190,7 +194,7 @@ fn refuses_a_second_process_in_the_same_role() {
     let mut controller = place.controller(&LONG_TIMEOUT);
     place.wait_for_the_run(None);
     let taken = |role: &str, pid: u32| {
-        format!("a {role} is already running in domain `test` (process {pid})")
+        format!("a {role} is already running in domain `{}` (process {pid})", place.domain())
     };
     place
         .controller(&LONG_TIMEOUT)
@@ -286,7 +290,7 @@ fn warns_of_a_run_entirely_in_the_safe_state() {
 #[test]
 fn rejects_invalid_scenarios_with_status_2() {
     let place = Place::new();
-    let missing = text(&place.base()).to_owned() + ".none";
+    let missing = text(&place.file("none.toml")).to_owned();
     place.controller(&["--rate", "7"]).end().assert(2, &["7 Hz", "50"]);
     place.controller(&["--timeout", "-1"]).end().assert(2, &["--timeout", "-1", "above 0"]);
     place.simulator(&["--scenario", &missing]).end().assert(2, &["cannot read", &missing]);
@@ -312,7 +316,7 @@ fn rejects_invalid_scenarios_with_status_2() {
         .end()
         .assert(2, &["a/b", "is not a valid domain name"]);
 
-    let scenario = place.base().with_extension("toml");
+    let scenario = place.file("scenario.toml");
     fs::write(&scenario, "duration_s = 1.0\nsped = 3\n").unwrap();
     let scenario = text(&scenario);
     place.simulator(&["--scenario", scenario]).end().assert(2, &[scenario, "line 2", "sped"]);
@@ -341,7 +345,7 @@ fn a_spawned_controller_ends_with_its_simulator() {
     simulator.kill();
     // The controller finds out, ends, and takes everything along.
     let deadline = std::time::Instant::now() + SOON;
-    while place.base().exists() && std::time::Instant::now() < deadline {
+    while folder_of(&domain).exists() && std::time::Instant::now() < deadline {
         std::thread::sleep(Duration::from_millis(10));
     }
     place.assert_clean_of(Some(&domain));
@@ -358,7 +362,7 @@ fn the_next_process_removes_the_remains_of_killed_ones() {
         process.signal(Signal::STOP);
         process.kill();
     }
-    assert!(place.base().join("test/leg.card").exists());
+    assert!(place.root().join("leg.role").exists());
     place.alone(&[&["--spawn"], &SHORT[..]].concat()).end().assert_ok();
     place.assert_clean();
 }

@@ -1,9 +1,10 @@
-//! A temporary directory with domains of its own for the processes of one test.
+//! A temporary folder and a domain of its own for the processes of one test.
 
 use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
 use leg_control::actor::{ActionScaling, ObservationScaling, Widths, pack, packed_len};
@@ -13,27 +14,33 @@ use leg_host::Domain;
 use tempfile::TempDir;
 
 pub(crate) const PROGRAM: &str = env!("CARGO_BIN_EXE_sim-host");
-const DOMAIN: &str = "test";
 /// Longest life of a process in a test.
 pub(crate) const LONG: Duration = Duration::from_mins(1);
 
 /// Isolates the processes of a test from all others.
 pub(crate) struct Place {
     dir: TempDir,
+    domain: String,
 }
 
 impl Place {
     pub(crate) fn new() -> Self {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
         let dir = tempfile::tempdir().expect("a temporary folder");
-        let place = Self { dir };
+        let domain = format!("test-{}-{}", std::process::id(), COUNT.fetch_add(1, Relaxed));
+        let place = Self { dir, domain };
         fs::write(place.policy(), hopping_in_place()).expect("write the policy");
         place
     }
 
-    /// Returns the directory of all domains of this place.
-    pub(crate) fn base(&self) -> PathBuf {
-        let user = rustix::process::getuid().as_raw();
-        self.dir.path().join(format!("spring-leg-{user}"))
+    /// Returns the name of the test domain.
+    pub(crate) fn domain(&self) -> &str {
+        &self.domain
+    }
+
+    /// Returns the folder of the test domain, which is there while a process is in it.
+    pub(crate) fn root(&self) -> PathBuf {
+        folder_of(&self.domain)
     }
 
     /// Returns the path of a file in this place.
@@ -45,26 +52,14 @@ impl Place {
         self.dir.path().join("policy.bin")
     }
 
-    fn program(&self, command: &str, arguments: &[&str]) -> Command {
-        let mut program = Command::new(PROGRAM);
-        program
-            .arg(command)
-            .args(arguments)
-            .env("TMPDIR", self.dir.path())
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped());
-        program
-    }
-
     /// Starts a subcommand.
     pub(crate) fn start(&self, command: &str, arguments: &[&str]) -> Running {
-        Running(Some(self.program(command, arguments).spawn().expect("start")))
+        Running::start(Command::new(PROGRAM).arg(command).args(arguments))
     }
 
     /// Starts a simulator in the test domain.
     pub(crate) fn simulator(&self, arguments: &[&str]) -> Running {
-        self.start("run", &[&["--domain", DOMAIN], arguments].concat())
+        self.start("run", &[&["--domain", self.domain()], arguments].concat())
     }
 
     /// Starts a controller in the test domain for one run.
@@ -75,13 +70,13 @@ impl Place {
     /// Starts a controller in the test domain for any number of runs.
     pub(crate) fn staying(&self, arguments: &[&str]) -> Running {
         let policy = self.policy();
-        let own = ["--domain", DOMAIN, "--policy", text(&policy)];
+        let own = ["--domain", self.domain(), "--policy", text(&policy)];
         self.start("controller", &[&own, arguments].concat())
     }
 
     /// Sends a request to the controller by its command line.
     pub(crate) fn request(&self, what: &[&str]) -> Ended {
-        self.start("controller", &[what, &["--domain", DOMAIN]].concat()).end()
+        self.start("controller", &[what, &["--domain", self.domain()]].concat()).end()
     }
 
     /// Returns the status of the controller.
@@ -118,9 +113,9 @@ impl Place {
 
     /// Waits until both processes have been connected for a while.
     pub(crate) fn wait_for_the_run(&self, domain: Option<&str>) {
-        let folder = self.base().join(domain.unwrap_or(DOMAIN));
+        let folder = folder_of(domain.unwrap_or(&self.domain));
         let deadline = Instant::now() + LONG;
-        while !(folder.join("leg.card").exists() && folder.join("controller.card").exists()) {
+        while !(folder.join("leg.role").exists() && folder.join("controller.role").exists()) {
             assert!(Instant::now() < deadline, "no run in {}", folder.display());
             std::thread::sleep(Duration::from_millis(5));
         }
@@ -130,8 +125,10 @@ impl Place {
     /// Asserts that nothing is left of the test domain or of the named one.
     #[track_caller]
     pub(crate) fn assert_clean_of(&self, domain: Option<&str>) {
-        assert!(!self.base().exists(), "left: {:?}", tree(&self.base()));
-        let prefix = Domain::prefix_in(&self.base(), domain.unwrap_or(DOMAIN));
+        let domain = domain.unwrap_or(&self.domain);
+        let folder = folder_of(domain);
+        assert!(!folder.exists(), "left: {:?}", tree(&folder));
+        let prefix = format!("leg-{}-{domain}-", rustix::process::getuid().as_raw());
         let left: Vec<_> = fs::read_dir("/dev/shm")
             .into_iter()
             .flatten()
@@ -151,10 +148,15 @@ impl Place {
 impl Drop for Place {
     /// Removes what killed processes of a failed test left.
     fn drop(&mut self) {
-        if self.base().exists() {
-            let _ = Domain::join_in(&self.base(), DOMAIN);
+        if self.root().exists() {
+            let _ = Domain::join(&self.domain);
         }
     }
+}
+
+/// Returns the folder of a domain.
+pub(crate) fn folder_of(domain: &str) -> PathBuf {
+    Domain::folder(domain).expect("a valid name")
 }
 
 fn tree(path: &Path) -> Vec<PathBuf> {
@@ -181,6 +183,12 @@ pub(crate) struct Ended {
 }
 
 impl Running {
+    /// Starts a command, without input and with its output kept.
+    pub(crate) fn start(command: &mut Command) -> Self {
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        Self(Some(command.spawn().expect("start")))
+    }
+
     fn child(&mut self) -> &mut Child {
         self.0.as_mut().expect("not ended yet")
     }

@@ -104,9 +104,9 @@ fn refuses_a_real_time_and_a_lock_step_side() {
     controller.end().assert(1, &["stopped by a signal"]);
 
     let mut simulator = place.simulator(&["--real-time", "--timeout", "30"]);
-    let lock = place.base().join("test/leg.card");
+    let lock = place.root().join("leg.role");
     let deadline = Instant::now() + LONG;
-    while !fs::read_to_string(&lock).is_ok_and(|terms| terms.contains("gravity")) {
+    while !fs::read_to_string(&lock).is_ok_and(|record| record.contains("gravity")) {
         assert!(Instant::now() < deadline, "the simulator has not taken its role");
         std::thread::sleep(Duration::from_millis(5));
     }

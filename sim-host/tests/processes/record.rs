@@ -19,7 +19,7 @@ use sim_host::replay::{self, ReplayError};
 use sim_host::scenario::{Scenario, Settings};
 use sim_host::session::{Options, lock_step};
 
-use crate::place::{PROGRAM, Place, text};
+use crate::place::{PROGRAM, Place, folder_of, text};
 
 /// Time within which a process must have done its work.
 const SOON: Duration = Duration::from_secs(20);
@@ -247,7 +247,7 @@ fn a_killed_run_leaves_a_complete_file() {
     assert!(!rest.iter().any(|entry| matches!(entry, AnyMessage::End(_))));
     let policy = place.policy();
     place.start("replay", &[text(&path), "--policy", text(&policy)]).end().assert_ok();
-    wait_until("the controller has left", || !place.base().exists());
+    wait_until("the controller has left", || !folder_of(&domain).exists());
     place.assert_clean_of(Some(&domain));
 }
 

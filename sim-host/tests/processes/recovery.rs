@@ -112,14 +112,17 @@ fn a_controller_serves_run_after_run_however_they_end() {
 #[test]
 fn refuses_a_peer_of_another_wire_version() {
     let place = Place::new();
-    let domain = Domain::join_in(&place.base(), "test").expect("a domain");
+    let domain = Domain::join(place.domain()).expect("a domain");
     let role_lock = |role: &str| {
-        let path = domain.root().join(format!("{role}.card"));
+        let path = domain.root().join(format!("{role}.role"));
         let mut role_lock = File::create(&path).expect("a lock file");
         role_lock.lock().expect("its lock");
         let pid = std::process::id();
-        write!(role_lock, "pid {pid}\nwire 9\nrate_hz 1000\nnovelty 3\ngravity_m_s2 9.81\n")
-            .unwrap();
+        write!(
+            role_lock,
+            "tenure 5\npid {pid}\nwire 9\nrate_hz 1000\nnovelty 3\ngravity_m_s2 9.81\n"
+        )
+        .unwrap();
         (role_lock, path)
     };
     let (lock, path) = role_lock("leg");
@@ -166,7 +169,6 @@ fn reports_that_processes_of_two_users_cannot_connect() {
             .args(["--reuid", NOBODY, "--regid", NOBODY, "--clear-groups"])
             .arg(&program)
             .args(arguments)
-            .env("TMPDIR", place.file(""))
             .current_dir("/")
             .stdin(Stdio::null())
             .output()
@@ -176,25 +178,15 @@ fn reports_that_processes_of_two_users_cannot_connect() {
     };
     let mut controller = place.staying(&[]);
     place.wait_for_status(|status| status["activity"] == "waiting");
-    let apart = "user 0 has domains here too; processes of two users cannot connect";
+    let apart = "user 0 has domains here too, and processes of two users cannot connect";
     for arguments in [
-        &["run", "--domain", "test", "--timeout", "0.2"][..],
-        &["controller", "status", "--domain", "test"],
+        &["run", "--domain", place.domain(), "--timeout", "0.2"][..],
+        &["controller", "status", "--domain", place.domain()],
     ] {
         let (status, err) = as_nobody(arguments);
         assert_eq!(status, Some(1), "{err}");
         assert!(err.contains("no controller") && err.contains(apart), "{err}");
     }
-    // A directory of that name that belongs to another user is refused.
-    let theirs = place.file(&format!("spring-leg-{NOBODY}"));
-    if theirs.exists() {
-        fs::remove_dir_all(&theirs).unwrap();
-    }
-    fs::create_dir(&theirs).unwrap();
-    let (status, err) = as_nobody(&["run", "--domain", "test", "--timeout", "0.2"]);
-    let foreign = format!("belongs to user 0, not to you (user {NOBODY})");
-    assert!(status == Some(1) && err.contains(&foreign) && err.contains("TMPDIR"), "{err}");
-    fs::remove_dir(&theirs).unwrap();
     controller.signal(Signal::TERM);
     controller.end().assert_ok();
     place.assert_clean();

@@ -17,7 +17,7 @@ fn swaps_a_policy_at_an_apex_and_rejects_an_invalid_one() {
     fs::write(&other, hopping_named("other")).unwrap();
     let unanswered = place.request(&["swap", text(&other)]);
     unanswered
-        .assert(1, &["no controller is running in domain `test`", "controller --policy FILE"]);
+        .assert(1, &["no controller is running in domain `test-", "controller --policy FILE"]);
 
     let mut simulator = place.simulator(&ENDLESS);
     let mut controller = place.staying(&LONG_TIMEOUT);
@@ -125,13 +125,13 @@ fn a_closed_terminal_ends_a_controller_with_a_policy_file() {
     let place = Place::new();
     // `script` holds the other end of a terminal; what it runs has that terminal as its own.
     let controller = format!(
-        "exec {} controller --domain test --policy {}",
+        "exec {} controller --domain {} --policy {}",
         env!("CARGO_BIN_EXE_sim-host"),
+        place.domain(),
         text(&place.policy())
     );
     let mut terminal = Command::new("script")
         .args(["--quiet", "--command", &controller, "/dev/null"])
-        .env("TMPDIR", place.file(""))
         .env("SHELL", "/bin/sh")
         .stdin(Stdio::null())
         .stdout(Stdio::null())
@@ -144,7 +144,7 @@ fn a_closed_terminal_ends_a_controller_with_a_policy_file() {
     terminal.wait().unwrap();
     let deadline = Instant::now() + Duration::from_secs(8);
     let process = PathBuf::from(format!("/proc/{pid}/exe"));
-    while place.base().exists() || fs::read_link(&process).is_ok() {
+    while place.root().exists() || fs::read_link(&process).is_ok() {
         assert!(Instant::now() < deadline, "it still runs");
         std::thread::sleep(Duration::from_millis(5));
     }

@@ -23,12 +23,12 @@ impl Watch {
 
     /// Runs shell commands before the program starts.
     fn begin_after(place: &Place, commands: &str) -> Self {
-        let folder = place.base();
-        let call = format!("stty rows 40 cols 120; {commands} exec {PROGRAM} watch --domain test");
+        let domain = place.domain();
+        let call =
+            format!("stty rows 40 cols 120; {commands} exec {PROGRAM} watch --domain {domain}");
         let mut script = Command::new("script")
             .args(["-qec", &call])
             .arg("/dev/null")
-            .env("TMPDIR", folder.parent().expect("a folder in a folder"))
             .env("TERM", "xterm-256color")
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -83,7 +83,7 @@ impl Drop for Watch {
 #[track_caller]
 fn wait_until_clean(place: &Place) {
     let start = Instant::now();
-    while place.base().exists() {
+    while place.root().exists() {
         assert!(start.elapsed() < SOON, "the view keeps the domain alive");
         std::thread::sleep(Duration::from_millis(5));
     }
@@ -93,13 +93,14 @@ fn wait_until_clean(place: &Place) {
 #[test]
 fn watching_does_not_change_a_run_and_can_operate_it() {
     let place = Place::new();
-    let run =
-        |duration: &str| place.alone(&["--spawn", "--domain", "test", "--duration", duration]);
+    let run = |duration: &str| {
+        place.alone(&["--spawn", "--domain", place.domain(), "--duration", duration])
+    };
     let bare = run("50").end().assert_ok().state_hash();
 
     let mut watch = Watch::begin(&place);
     watch.wait_for("waiting");
-    assert!(!place.base().exists(), "it does not create a domain without processes");
+    assert!(!place.root().exists(), "it does not create a domain without processes");
     let watched = run("50");
     watch.wait_for("lock-step");
     assert_eq!(watched.end().assert_ok().state_hash(), bare);
@@ -124,7 +125,7 @@ fn watching_does_not_change_a_run_and_can_operate_it() {
 #[test]
 fn a_closed_terminal_ends_the_view_even_if_sighup_is_ignored() {
     let place = Place::new();
-    let pid_file = place.base().with_extension("pid");
+    let pid_file = place.file("pid");
     let mut watch =
         Watch::begin_after(&place, &format!("trap '' HUP; echo $$ > {};", pid_file.display()));
     watch.wait_for("waiting");

@@ -148,6 +148,7 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
+    use crate::discovery::Whereabouts;
 
     #[test]
     fn the_hint_on_a_missing_peer_is_the_command_with_the_parameters_it_needs() {
@@ -158,7 +159,7 @@ mod tests {
             rate_hz: 500,
             gravity_m_s2: 9.81,
             time_mode: Some(TimeMode::LockStep),
-            other_users: Vec::new(),
+            whereabouts: Whereabouts::default(),
         };
         let command =
             "start one with `controller --policy FILE --domain d --rate 500 --gravity 9.81";
@@ -193,7 +194,7 @@ mod tests {
         let nobody = AskError::Nobody {
             role: Role::Controller,
             domain: "d".to_owned(),
-            other_users: Vec::new(),
+            whereabouts: Whereabouts::default(),
         };
         let hint = ask_error(&nobody).unwrap();
         assert!(hint.contains("`controller --policy FILE --domain d`"), "{hint}");

@@ -6,7 +6,8 @@ use std::time::Duration;
 
 use super::Meeting;
 use crate::Domain;
-use crate::discovery::{DomainError, other_users, other_users_note};
+use crate::discovery::{DomainError, Whereabouts};
+use crate::link::Role;
 use crate::serial::stream::{
     ByteStream, Endpoint, OpenError, USUAL_BAUD, over_unix, parse_address, parse_baud,
 };
@@ -46,15 +47,15 @@ pub enum ConnectionError {
     Domain(#[from] DomainError),
     /// No controller runs in that domain.
     #[error(
-        "no controller is running in domain `{domain}`{}; start one with `controller --policy FILE \
-         --domain {domain}`, name another --domain, or a board by --serial, --unix or --tcp",
-        other_users_note(other_users)
+        "no controller is running in domain `{domain}`{whereabouts}; start one with `controller \
+         --policy FILE --domain {domain}`, name another --domain, or a board by --serial, --unix or \
+         --tcp"
     )]
     Nobody {
         /// The domain.
         domain: String,
-        /// Other users with domains in the same place.
-        other_users: Vec<u32>,
+        /// Where it was looked for, and where else one runs.
+        whereabouts: Whereabouts,
     },
     /// The system refused.
     #[error("cannot connect to the controller in domain `{domain}`: {cause}")]
@@ -103,12 +104,13 @@ impl TargetArgs {
 /// # Errors
 /// [`ConnectionError`].
 pub fn open_process(domain: &str) -> Result<Box<dyn ByteStream>, ConnectionError> {
-    let path = socket_in(&Domain::folder(domain)?);
-    let connected = std::os::unix::net::UnixStream::connect(path).and_then(over_unix);
+    let folder = Domain::folder(domain)?;
+    let connected = std::os::unix::net::UnixStream::connect(socket_in(&folder)).and_then(over_unix);
     connected.map_err(|cause| match cause.kind() {
-        ErrorKind::NotFound | ErrorKind::ConnectionRefused => {
-            ConnectionError::Nobody { domain: domain.to_owned(), other_users: other_users() }
-        }
+        ErrorKind::NotFound | ErrorKind::ConnectionRefused => ConnectionError::Nobody {
+            domain: domain.to_owned(),
+            whereabouts: Whereabouts::of(Role::Controller, &folder),
+        },
         _ => ConnectionError::Io { domain: domain.to_owned(), cause },
     })
 }

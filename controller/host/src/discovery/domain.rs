@@ -1,12 +1,17 @@
 //! Domains: the namespace in which one leg and one controller find each other.
 //!
 //! Several runs on one machine use different domains and never see each other.
-//! A domain owns a folder, `<temporary folder>/spring-leg-<user id>/<name>/`,
-//! and every shared-memory object whose name starts with its prefix. Each
-//! process in it holds a shared lock. The last process to leave removes all of
-//! it, and the first to join removes what killed processes left. The kernel
-//! releases a process's lock however the process ends, so this clean-up works
-//! even after SIGKILL.
+//! A domain is a folder, `/dev/shm/spring-leg-<user id>/<name>/`, and every object
+//! of shared memory whose name starts with its prefix. Three properties make it safe:
+//!
+//! - The folder lies beside the shared memory, so whoever sees one sees the other,
+//!   whatever its environment, container or temporary folder.
+//! - Each process holds a shared lock on the folder. The first to come and the last to
+//!   leave know that they are alone, and remove what killed processes left. The kernel
+//!   releases a lock however its holder ends.
+//! - The prefix contains the folder's inode number, which no other folder can have while
+//!   a process has this one open. So if the folder is removed under a run, nobody else
+//!   can name the memory of that run: not to connect to it, and not to remove it.
 
 use std::fs::{self, DirBuilder, File, TryLockError};
 use std::io;
@@ -15,18 +20,20 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use super::room::{self, NoRoom};
+use super::unfinished::{self, Sweeper};
+
 /// The domain used when no name is given.
 pub const DEFAULT_DOMAIN: &str = "default";
-/// Name of the folder of a user's domains, without the user id that follows.
-const FOLDER_PREFIX: &str = "spring-leg-";
 /// Longest name of a domain, in bytes.
 pub const MAX_NAME: usize = 32;
 
 /// The folder in which named shared memory appears as files.
-#[cfg(target_os = "linux")]
-const SHARED_MEMORY: &str = "/dev/shm";
+pub(super) const SHARED_MEMORY: &str = "/dev/shm";
+/// Name of the folder of a user's domains, without the user id that follows.
+pub(super) const BASE_PREFIX: &str = "spring-leg-";
 
-/// How long to wait while another process cleans up the same domain.
+/// How long to wait while another process joins or leaves the same domain.
 const CLEAN_UP_TIMEOUT: Duration = Duration::from_secs(2);
 const RETRY: Duration = Duration::from_millis(2);
 
@@ -41,7 +48,7 @@ pub enum DomainError {
     Name(String),
     /// The folder of all domains belongs to another user.
     #[error(
-        "{} belongs to user {owner}, not to you (user {user}); set TMPDIR to a folder of your own",
+        "{} belongs to user {owner}, not to you (user {user}); have it removed",
         path.display()
     )]
     Foreign {
@@ -52,10 +59,27 @@ pub enum DomainError {
         /// User id of this process.
         user: u32,
     },
-    /// Another process has been cleaning up for longer than the limit.
-    #[error("another process has been cleaning up {} for {CLEAN_UP_TIMEOUT:?}", path.display())]
+    /// There is no room for shared memory.
+    #[error(transparent)]
+    NoRoom(#[from] NoRoom),
+    /// Another process has been joining or leaving for longer than the limit.
+    #[error(
+        "another process that joins or leaves has locked {} for {CLEAN_UP_TIMEOUT:?}; is it stopped?",
+        path.display()
+    )]
     Busy {
-        /// The lock file that it holds.
+        /// The folder or file that it has locked.
+        path: PathBuf,
+    },
+    /// The folder of the domain was removed while this process used it.
+    #[error(
+        "{} was removed while this process used it, by hand or by the system (systemd does so when a \
+         user logs out, unless logind.conf has RemoveIPC=no); no other process can connect any more: \
+         start both again",
+        path.display()
+    )]
+    Removed {
+        /// The folder.
         path: PathBuf,
     },
     /// The file system failed.
@@ -81,62 +105,97 @@ fn io_error<'a>(
 #[derive(Debug)]
 pub struct Domain {
     name: String,
-    paths: DomainPaths,
-    lock: File,
+    base: PathBuf,
+    folder: Folder,
+    // Stops when the domain is dropped.
+    _sweeper: Sweeper,
 }
 
-/// The paths and the prefix that belong to a domain.
+/// The open folder of a domain. The lock on it is released when it is closed.
 #[derive(Debug)]
-struct DomainPaths {
-    base: PathBuf,
-    lock: PathBuf,
-    root: PathBuf,
+struct Folder {
+    path: PathBuf,
+    file: File,
     prefix: String,
 }
 
-impl DomainPaths {
-    fn new(base: &Path, name: &str) -> Self {
-        let root = base.join(name);
-        Self {
-            base: base.to_owned(),
-            lock: base.join(format!("{name}.lock")),
-            // Shared-memory names are global to the machine: a hash of the folder's path
-            // distinguishes users, temporary folders and domains.
-            prefix: format!("leg-{:016x}.", fnv1a(root.as_os_str().as_encoded_bytes())),
-            root,
+impl Folder {
+    /// Opens the folder of a domain, if there is one.
+    fn open(base: &Path, name: &str) -> Result<Option<Self>, DomainError> {
+        let path = base.join(name);
+        match File::open(&path).and_then(|file| Ok((file.metadata()?, file))) {
+            Ok((metadata, file)) => {
+                let prefix = format!("{}{:x}.", family(metadata.uid(), name), metadata.ino());
+                Ok(Some(Self { path, file, prefix }))
+            }
+            Err(cause) if cause.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(cause) => Err(io_error("open", &path)(cause)),
         }
     }
 
-    /// Opens the lock file and creates it if necessary.
-    fn open_lock(&self) -> Result<File, DomainError> {
-        File::options()
-            .create(true)
-            .truncate(false)
-            .read(true)
-            .write(true)
-            .open(&self.lock)
-            .map_err(io_error("open", &self.lock))
+    /// Locks the folder with `lock`, which must not wait. Returns whether this process has
+    /// the lock and the folder still its name.
+    fn lock(
+        &self,
+        lock: impl FnOnce(&File) -> Result<(), TryLockError>,
+    ) -> Result<bool, DomainError> {
+        match lock(&self.file) {
+            Ok(()) => Ok(self.has_its_name()),
+            Err(TryLockError::WouldBlock) => Ok(false),
+            Err(TryLockError::Error(cause)) => Err(io_error("lock", &self.path)(cause)),
+        }
     }
 
-    /// Removes everything that belongs to the domain. The caller must hold its lock
+    fn has_its_name(&self) -> bool {
+        still_named(&self.file, &self.path)
+    }
+
+    /// Removes everything that belongs to the domain. The caller must hold the lock
     /// exclusively.
-    fn remove_all(&self) {
+    fn clear(&self) {
         // Best effort: the next process to join retries whatever could not be removed.
-        let _ = fs::remove_dir_all(&self.root);
-        #[cfg(target_os = "linux")]
-        for entry in fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten() {
-            if entry.file_name().as_encoded_bytes().starts_with(self.prefix.as_bytes()) {
-                let _ = fs::remove_file(entry.path());
+        if self.has_its_name() {
+            for path in paths_in(&self.path) {
+                let _ =
+                    if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
             }
         }
-        let _ = fs::remove_file(&self.lock);
+        for path in objects(&self.prefix) {
+            let _ = fs::remove_file(path);
+        }
     }
 }
 
-/// Computes the 64-bit FNV-1a hash. It makes names, so it need not be cryptographic.
-fn fnv1a(bytes: &[u8]) -> u64 {
-    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
-        (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
+/// Returns what the prefixes of all folders of a domain start with, past ones too.
+fn family(user: u32, name: &str) -> String {
+    format!("leg-{user}-{name}-")
+}
+
+/// Returns whether there is shared memory of a folder of this domain that was removed.
+pub(super) fn has_orphans(base: &Path, name: &str) -> bool {
+    let own = Folder::open(base, name).ok().flatten();
+    let is_own = |object: &Path| {
+        own.as_ref().is_some_and(|own| objects(&own.prefix).any(|path| path == object))
+    };
+    // The inode number ends at the dot; a domain whose name is longer has a `-` before it.
+    let family = family(rustix::process::getuid().as_raw(), name);
+    objects(&family).any(|path| {
+        let file = path.file_name().unwrap_or_default().to_string_lossy();
+        let inode = file[family.len()..].split('.').next().unwrap_or_default();
+        !inode.contains('-') && !is_own(&path)
+    })
+}
+
+/// Returns the paths of the files and folders in a folder.
+pub(super) fn paths_in(folder: &Path) -> impl Iterator<Item = PathBuf> {
+    fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path())
+}
+
+/// Returns the paths of the objects of shared memory whose names start with `prefix`.
+pub(super) fn objects(prefix: &str) -> impl Iterator<Item = PathBuf> {
+    paths_in(Path::new(SHARED_MEMORY)).filter(move |path| {
+        let name = path.file_name().unwrap_or_default();
+        name.as_encoded_bytes().starts_with(prefix.as_bytes())
     })
 }
 
@@ -152,40 +211,10 @@ pub(super) fn still_named(file: &File, path: &Path) -> bool {
 /// Returns the folder of all domains of this user.
 fn base() -> PathBuf {
     let user = rustix::process::getuid().as_raw();
-    std::env::temp_dir().join(format!("{FOLDER_PREFIX}{user}"))
+    Path::new(SHARED_MEMORY).join(format!("{BASE_PREFIX}{user}"))
 }
 
-/// Returns the ids of other users who have, or had, domains in the same temporary
-/// folder. Processes of different users cannot connect.
-#[must_use]
-pub fn other_users() -> Vec<u32> {
-    let own = rustix::process::getuid().as_raw();
-    let mut users: Vec<u32> = fs::read_dir(std::env::temp_dir())
-        .into_iter()
-        .flatten()
-        .flatten()
-        .filter_map(|entry| entry.file_name().to_str()?.strip_prefix(FOLDER_PREFIX)?.parse().ok())
-        .filter(|user| *user != own)
-        .collect();
-    users.sort_unstable();
-    users
-}
-
-/// Formats a note on [`other_users`] for the message about a missing peer; empty if
-/// there are none.
-#[must_use]
-pub fn other_users_note(users: &[u32]) -> String {
-    if users.is_empty() {
-        return String::new();
-    }
-    let names: Vec<_> = users.iter().map(ToString::to_string).collect();
-    format!(
-        " (user {} has domains here too; processes of two users cannot connect, run both as one user)",
-        names.join(", ")
-    )
-}
-
-fn check_name(name: &str) -> Result<(), DomainError> {
+pub(super) fn check_name(name: &str) -> Result<(), DomainError> {
     let fit = |byte: u8| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'_';
     if name.is_empty() || name.len() > MAX_NAME || !name.bytes().all(fit) {
         return Err(DomainError::Name(name.to_owned()));
@@ -197,7 +226,8 @@ impl Domain {
     /// Joins the domain `name` of this user and creates it if necessary.
     ///
     /// # Errors
-    /// Returns [`DomainError`] when the name is invalid or the file system fails.
+    /// Returns [`DomainError`] when the name is invalid, there is no room for shared
+    /// memory, or the file system fails.
     pub fn join(name: &str) -> Result<Arc<Self>, DomainError> {
         Self::join_in(&base(), name)
     }
@@ -209,7 +239,7 @@ impl Domain {
     /// Returns [`DomainError::Name`] when the name is invalid.
     pub fn folder(name: &str) -> Result<PathBuf, DomainError> {
         check_name(name)?;
-        Ok(DomainPaths::new(&base(), name).root)
+        Ok(base().join(name))
     }
 
     /// As [`Domain::join`], with the domains in the folder `base`.
@@ -218,38 +248,31 @@ impl Domain {
     /// As [`Domain::join`].
     pub fn join_in(base: &Path, name: &str) -> Result<Arc<Self>, DomainError> {
         check_name(name)?;
-        let paths = DomainPaths::new(base, name);
+        room::check(Path::new(SHARED_MEMORY))?;
+        let path = base.join(name);
         let deadline = Instant::now() + CLEAN_UP_TIMEOUT;
         loop {
             make_private(base)?;
-            let attempt = paths.open_lock();
-            // The last process to leave removes the folder too; then create it again.
-            let gone = matches!(&attempt, Err(DomainError::Io { cause, .. }) if cause.kind() == io::ErrorKind::NotFound);
-            if let Some(lock) = if gone { None } else { Some(attempt?) } {
-                match lock.try_lock_shared() {
-                    Ok(()) if still_named(&lock, &paths.lock) => {
-                        make_private(&paths.root)?;
-                        remove_abandoned(&paths);
-                        return Ok(Arc::new(Self { name: name.to_owned(), paths, lock }));
-                    }
-                    Ok(()) | Err(TryLockError::WouldBlock) => (),
-                    Err(TryLockError::Error(cause)) => {
-                        return Err(io_error("lock", &paths.lock)(cause));
-                    }
+            make_private(&path)?;
+            // The last process to leave removes the folder; then create it again.
+            if let Some(folder) = Folder::open(base, name)? {
+                if folder.lock(File::try_lock)? {
+                    folder.clear();
+                }
+                let _ = folder.file.unlock();
+                if folder.lock(File::try_lock_shared)? {
+                    remove_abandoned(base, name);
+                    let (name, base) = (name.to_owned(), base.to_owned());
+                    let sweeper = Sweeper::start(path.clone(), folder.prefix.clone())
+                        .map_err(io_error("start a thread that watches", &path))?;
+                    return Ok(Arc::new(Self { name, base, folder, _sweeper: sweeper }));
                 }
             }
             if Instant::now() >= deadline {
-                return Err(DomainError::Busy { path: paths.lock });
+                return Err(DomainError::Busy { path });
             }
             std::thread::sleep(RETRY);
         }
-    }
-
-    /// Returns the prefix of the names of all shared memory of a domain, whether or not
-    /// any process has joined it.
-    #[must_use]
-    pub fn prefix_in(base: &Path, name: &str) -> String {
-        DomainPaths::new(base, name).prefix
     }
 
     /// Returns the name of the domain.
@@ -261,23 +284,76 @@ impl Domain {
     /// Returns the folder of the domain.
     #[must_use]
     pub fn root(&self) -> &Path {
-        &self.paths.root
+        &self.folder.path
     }
 
     /// Returns the prefix of the names of its shared memory.
     #[must_use]
     pub fn prefix(&self) -> &str {
-        &self.paths.prefix
+        &self.folder.prefix
+    }
+
+    /// Checks that the folder of the domain is still there.
+    ///
+    /// # Errors
+    /// Returns [`DomainError::Removed`] when it is not, or another has taken its place.
+    pub fn check(&self) -> Result<(), DomainError> {
+        if self.folder.has_its_name() {
+            Ok(())
+        } else {
+            Err(DomainError::Removed { path: self.root().to_owned() })
+        }
+    }
+
+    /// Locks the creation of services and ports, until the returned file is dropped, and
+    /// removes what killed processes have left unfinished.
+    ///
+    /// # Errors
+    /// Returns [`DomainError::Busy`] when another process keeps the lock for longer than
+    /// two seconds, or another error when the file system fails.
+    pub fn lock_creation(&self) -> Result<File, DomainError> {
+        let path = self.root().join("creation.lock");
+        let open = File::options().create(true).truncate(false).write(true).open(&path);
+        let file = open.map_err(io_error("open", &path))?;
+        let deadline = Instant::now() + CLEAN_UP_TIMEOUT;
+        loop {
+            match file.try_lock() {
+                Ok(()) => break,
+                Err(TryLockError::WouldBlock) if Instant::now() < deadline => {
+                    std::thread::sleep(RETRY);
+                }
+                Err(TryLockError::WouldBlock) => return Err(DomainError::Busy { path }),
+                Err(TryLockError::Error(cause)) => return Err(io_error("lock", &path)(cause)),
+            }
+        }
+        unfinished::remove_services_and_ports(self.root(), self.prefix());
+        Ok(file)
+    }
+
+    /// Reserves pages for all objects of shared memory that the domain has now.
+    ///
+    /// Shared memory gets its pages when it is first written to, and a process that finds
+    /// none is killed by SIGBUS in the middle of its run; this makes it an error before.
+    ///
+    /// # Errors
+    /// Returns [`DomainError::NoRoom`] when there are not enough.
+    pub fn reserve(&self) -> Result<(), DomainError> {
+        Ok(room::reserve(objects(self.prefix()))?)
     }
 }
 
 impl Drop for Domain {
     fn drop(&mut self) {
-        if self.lock.try_lock().is_ok() {
-            self.paths.remove_all();
+        // A lock is not upgraded in one step; whoever gets it in between cleans up as well.
+        let _ = self.folder.file.unlock();
+        if self.folder.file.try_lock().is_ok() {
+            self.folder.clear();
+            if self.folder.has_its_name() {
+                let _ = fs::remove_dir(self.root());
+            }
         }
         // This succeeds only when the folder holds no other domain.
-        let _ = fs::remove_dir(&self.paths.base);
+        let _ = fs::remove_dir(&self.base);
     }
 }
 
@@ -305,20 +381,17 @@ fn make_private(path: &Path) -> Result<(), DomainError> {
 }
 
 /// Removes the other domains that no live process has joined.
-fn remove_abandoned(own: &DomainPaths) {
-    for entry in fs::read_dir(&own.base).into_iter().flatten().flatten() {
-        let path = entry.path();
-        let Some(name) = path.file_stem().and_then(|stem| stem.to_str()) else {
-            continue;
-        };
-        if path.extension().is_none_or(|extension| extension != "lock") || path == own.lock {
+fn remove_abandoned(base: &Path, own: &str) {
+    for path in paths_in(base) {
+        let Some(name) = path.file_name().and_then(|name| name.to_str()) else { continue };
+        if name == own || check_name(name).is_err() {
             continue;
         }
-        if let Ok(lock) = File::options().read(true).write(true).open(&path)
-            && lock.try_lock().is_ok()
-            && still_named(&lock, &path)
+        if let Ok(Some(folder)) = Folder::open(base, name)
+            && folder.lock(File::try_lock).is_ok_and(|locked| locked)
         {
-            DomainPaths::new(&own.base, name).remove_all();
+            folder.clear();
+            let _ = fs::remove_dir(path);
         }
     }
 }
@@ -333,28 +406,60 @@ mod tests {
         let base = dir.path().join("base");
         let one = Domain::join_in(&base, "a").unwrap();
         let two = Domain::join_in(&base, "a").unwrap();
+        assert_eq!(one.prefix(), two.prefix());
         let other = Domain::join_in(&base, "a_b").unwrap();
         assert_ne!(one.prefix(), other.prefix());
         fs::write(one.root().join("left"), "x").unwrap();
         drop(one);
         assert!(base.join("a/left").exists(), "one process is still in the domain");
         drop(two);
-        assert!(!base.join("a").exists() && !base.join("a.lock").exists());
+        assert!(!base.join("a").exists());
         assert!(base.join("a_b").exists());
         drop(other);
         assert!(!base.exists());
     }
 
     #[test]
-    fn a_join_removes_the_domains_of_killed_processes() {
+    fn the_first_process_to_join_removes_what_killed_ones_left() {
         let dir = tempfile::tempdir().unwrap();
-        // A killed process leaves files and a lock that no process holds.
-        fs::create_dir(dir.path().join("dead")).unwrap();
-        fs::write(dir.path().join("dead/leg.card"), "x").unwrap();
-        fs::write(dir.path().join("dead.lock"), "").unwrap();
-        let domain = Domain::join_in(dir.path(), "alive").unwrap();
-        assert!(!dir.path().join("dead").exists() && !dir.path().join("dead.lock").exists());
+        // A killed process leaves files, memory, and a folder that no process has locked.
+        let left = |name: &str| {
+            fs::create_dir(dir.path().join(name)).unwrap();
+            fs::write(dir.path().join(name).join("leg.role"), "x").unwrap();
+            let prefix = Folder::open(dir.path(), name).unwrap().unwrap().prefix;
+            let memory = Path::new(SHARED_MEMORY).join(format!("{prefix}data"));
+            fs::write(&memory, "x").unwrap();
+            memory
+        };
+        let (own, other) = (left("own"), left("other"));
+        let domain = Domain::join_in(dir.path(), "own").unwrap();
+        assert!(!own.exists() && !domain.root().join("leg.role").exists());
+        assert!(!other.exists() && !dir.path().join("other").exists());
         assert!(domain.root().exists());
+    }
+
+    #[test]
+    fn the_memory_of_a_removed_folder_is_out_of_the_reach_of_others() {
+        let dir = tempfile::tempdir().unwrap();
+        let living = Domain::join_in(dir.path(), "d").unwrap();
+        let memory = Path::new(SHARED_MEMORY).join(format!("{}data", living.prefix()));
+        fs::write(&memory, "x").unwrap();
+        living.check().unwrap();
+        fs::remove_dir_all(living.root()).unwrap();
+        let message = living.check().unwrap_err().to_string();
+        assert!(message.contains("/d was removed") && message.contains("RemoveIPC"), "{message}");
+
+        let newcomer = Domain::join_in(dir.path(), "d").unwrap();
+        assert_ne!(newcomer.prefix(), living.prefix());
+        assert!(living.check().is_err(), "another folder has taken the place");
+        assert!(has_orphans(dir.path(), "d"));
+        drop(newcomer);
+        assert!(memory.exists(), "the memory of the living is not swept");
+        let newcomer = Domain::join_in(dir.path(), "d").unwrap();
+        drop(living);
+        assert!(!memory.exists(), "the last process to leave removes it");
+        assert!(!has_orphans(dir.path(), "d"));
+        newcomer.check().expect("the folder of the newcomer is not removed");
     }
 
     #[test]
@@ -376,7 +481,7 @@ mod tests {
                 scope.spawn(move || {
                     for _ in 0..100 {
                         let domain = Domain::join_in(base, ["a", "b"][i % 2]).unwrap();
-                        assert!(domain.root().exists());
+                        domain.check().unwrap();
                     }
                 });
             }

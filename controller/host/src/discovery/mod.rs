@@ -6,7 +6,14 @@
 //! process's [`SessionParams`](crate::link::SessionParams).
 
 mod domain;
+mod elsewhere;
 mod role_lock;
+mod room;
+mod unfinished;
 
-pub use domain::{DEFAULT_DOMAIN, Domain, DomainError, MAX_NAME, other_users, other_users_note};
-pub(crate) use role_lock::{Presence, RoleLock, RoleLockError, RoleRecord, presence, presence_in};
+pub use domain::{DEFAULT_DOMAIN, Domain, DomainError, MAX_NAME};
+pub use elsewhere::Whereabouts;
+pub(crate) use role_lock::{
+    Presence, RoleFile, RoleLock, RoleLockError, RoleRecord, Tenure, presence_in,
+};
+pub use room::NoRoom;

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use leg_process::Stop;
 
 use crate::link::LinkError;
-use crate::shm::{Message, PeerEvent, ShmLink};
+use crate::shm::{ConnectError, Message, PeerEvent, ShmLink};
 
 /// How the peer was lost whose absence has ended the loop; empty until then.
 pub type LostPeer = Arc<OnceLock<LinkError>>;
@@ -26,14 +26,22 @@ pub fn supervise_peer<Out: Message, In: Message, F: FnMut(&PeerEvent) + Send>(
     let (monitor, stop, result) = (link.monitor(), stop.clone(), Arc::clone(&lost_peer));
     let mut lost: Option<(Instant, LinkError)> = None;
     let supervise = move || {
-        // After an error, the next call retries.
-        if let Ok(Some(event)) = monitor.update() {
-            on_event(&event);
-            match event {
-                PeerEvent::Lost(cause) => lost = Some((Instant::now(), cause)),
-                PeerEvent::Connected(_) => lost = None,
-                PeerEvent::Rejected(_) => (),
+        match monitor.update() {
+            Ok(Some(event)) => {
+                on_event(&event);
+                match event {
+                    PeerEvent::Lost(cause) => lost = Some((Instant::now(), cause)),
+                    PeerEvent::Connected(_) => lost = None,
+                    PeerEvent::Rejected(_) => (),
+                }
             }
+            // No peer is connected, and none can connect any more.
+            Err(error @ ConnectError::Domain(_)) => {
+                let _ = result.set(error.into());
+                stop.raise();
+            }
+            // After another error, the next call retries.
+            Ok(None) | Err(_) => (),
         }
         if let (Some((since, cause)), Some(timeout)) = (&lost, timeout)
             && since.elapsed() >= timeout

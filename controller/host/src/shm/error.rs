@@ -3,8 +3,8 @@
 use std::fmt::{self, Display};
 use std::time::Duration;
 
-use crate::discovery::{Domain, DomainError, other_users_note};
-use crate::link::{Role, SessionParams, TimeMode};
+use crate::discovery::{Domain, DomainError, Whereabouts};
+use crate::link::{LinkError, Role, SessionParams, TimeMode};
 
 /// A peer that has not connected, and the session parameters that it needs.
 #[derive(Clone, Debug)]
@@ -21,8 +21,8 @@ pub struct MissingPeer {
     pub gravity_m_s2: f32,
     /// Time mode that the peer must have; `None` accepts either.
     pub time_mode: Option<TimeMode>,
-    /// Other users with domains in the same temporary folder.
-    pub other_users: Vec<u32>,
+    /// Where it was looked for, and where else one runs.
+    pub whereabouts: Whereabouts,
 }
 
 impl Display for MissingPeer {
@@ -33,7 +33,7 @@ impl Display for MissingPeer {
             self.peer,
             self.domain,
             self.waited.as_secs_f64(),
-            other_users_note(&self.other_users)
+            self.whereabouts
         )
     }
 }
@@ -113,6 +113,16 @@ pub enum ConnectError {
         /// Error of the transport.
         cause: String,
     },
+}
+
+impl From<ConnectError> for LinkError {
+    fn from(error: ConnectError) -> Self {
+        match error {
+            ConnectError::Stopped(_) => Self::Stopped,
+            ConnectError::Transport { action, cause, .. } => Self::Transport { action, cause },
+            other => Self::Transport { action: "connect", cause: other.to_string() },
+        }
+    }
 }
 
 impl ConnectError {

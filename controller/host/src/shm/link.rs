@@ -7,21 +7,22 @@ use std::time::{Duration, Instant};
 use iceoryx2::node::NodeBuilder;
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
 use iceoryx2::port::subscriber::Subscriber;
-use iceoryx2::prelude::{
-    LogLevel, NodeName, PortName, SignalHandlingMode, ipc, set_log_level_from_env_or,
-};
+use iceoryx2::prelude::{LogLevel, NodeName, SignalHandlingMode, ipc, set_log_level_from_env_or};
 use leg_control::wire::{Command, Sample};
 use leg_process::Stop;
 
 use super::error::{ConnectError, MissingPeer, disagreement, failed};
 use super::payload::{Message, Payload};
-use super::peer_monitor::{MonitorCore, PeerEvent, PeerMonitor, await_rejection};
+use super::peer_monitor::{MonitorCore, PeerEvent, PeerMonitor, await_rejection, port_name};
 use super::service::{config, retry, service};
-use crate::discovery::{Domain, Presence, RoleLock, RoleLockError, other_users, presence};
+use crate::discovery::{Domain, Presence, RoleLock, RoleLockError, Whereabouts, presence_in};
 use crate::link::{Link, LinkError, Peer, SessionParams, TimeMode, Waiter};
 
 /// Interval between two checks for a peer that has not connected yet.
 const CHECK_INTERVAL: Duration = Duration::from_millis(1);
+
+/// Interval between two searches for the peer in other domains.
+const LOOK_INTERVAL: Duration = Duration::from_millis(500);
 
 /// One end of a link between two processes.
 // The ports must be dropped before the core, which holds what they depend on.
@@ -94,6 +95,7 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
         // Before opening a service: the record gives a clearer reason than its attributes.
         Self::check_agreement(domain, &role, params)?;
 
+        let _creation = domain.lock_creation()?;
         // iceoryx2 would also log each error that it returns.
         set_log_level_from_env_or(LogLevel::Fatal);
         let node_name =
@@ -112,8 +114,8 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
 
         let outgoing = service::<Out>(&node, domain, params)?;
         let incoming = service::<In>(&node, domain, params)?;
-        let name = PortName::new(Out::SENDER.as_str())
-            .map_err(|e| failed(domain, "name the ports", &e))?;
+        let name = port_name(Out::SENDER, role.tenure())
+            .map_err(|cause| failed(domain, "name the ports", &cause))?;
         let subscriber =
             retry(|| incoming.subscriber_builder().name(&name).buffer_size(1).create())
                 .map_err(|cause| failed(domain, "subscribe", &cause))?;
@@ -125,6 +127,7 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
             created
         })
         .map_err(|cause| failed(domain, "publish", &cause))?;
+        domain.reserve()?;
 
         Ok(Self {
             publisher,
@@ -158,8 +161,9 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
             rate_hz,
             gravity_m_s2,
             time_mode,
-            other_users: other_users(),
+            whereabouts: Whereabouts::default(),
         };
+        let mut looked = Duration::ZERO;
         loop {
             match self.update_peer()? {
                 Some(PeerEvent::Connected(peer)) => return Ok(peer),
@@ -178,6 +182,10 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
             missing.waited = start.elapsed();
             let left =
                 timeout.map_or(CHECK_INTERVAL, |timeout| timeout.saturating_sub(missing.waited));
+            if left.is_zero() || missing.waited >= looked + LOOK_INTERVAL {
+                missing.whereabouts = Whereabouts::of(In::SENDER, self.core.domain().root());
+                looked = missing.waited;
+            }
             if left.is_zero() || !keep_waiting(&missing) {
                 return Err(ConnectError::PeerMissing(missing));
             }
@@ -191,14 +199,14 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
         role: &RoleLock,
         ours: SessionParams,
     ) -> Result<(), ConnectError> {
-        let presence = presence(domain, In::SENDER)
+        let presence = presence_in(domain.root(), In::SENDER)
             .map_err(|cause| failed(domain, "check for the peer", &cause))?;
         if let Presence::Alive(Some(record)) = presence
             && let Some(error) = disagreement(In::SENDER, record.params, ours)
         {
-            role.publish_rejection(record.pid)
+            role.publish_rejection(record.tenure)
                 .map_err(|cause| failed(domain, "write the role's record", &cause))?;
-            await_rejection(domain, In::SENDER, record.pid);
+            await_rejection(domain, In::SENDER, role.tenure(), record.tenure);
             return Err(error);
         }
         Ok(())

@@ -104,6 +104,7 @@ impl Observer {
     /// their services yet; then retry.
     pub fn join(domain: &str) -> Result<Self, ConnectError> {
         let domain = Domain::join(domain)?;
+        let _creation = domain.lock_creation()?;
         set_log_level_from_env_or(LogLevel::Fatal);
         let name = NodeName::new(NAME).map_err(|e| failed(&domain, "name the node", &e))?;
         let config =

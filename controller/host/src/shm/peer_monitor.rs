@@ -5,33 +5,40 @@
 //! reads one atomic number that identifies the publisher whose messages it accepts.
 
 use std::fmt;
+use std::io;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use iceoryx2::identifiers::{UniqueNodeId, UniquePublisherId};
-use iceoryx2::prelude::{CallbackProgression, Node, PortFactory as _, ipc};
+use iceoryx2::identifiers::UniquePublisherId;
+use iceoryx2::prelude::{CallbackProgression, Node, PortFactory as _, PortName, ipc};
 
 use super::error::{ConnectError, disagreement, failed};
 use super::payload::Message;
 use super::service::Service;
-use crate::discovery::{Domain, Presence, RoleLock, RoleRecord, presence};
+use crate::discovery::{Domain, Presence, RoleFile, RoleLock, RoleRecord, Tenure, presence_in};
 use crate::link::{LinkError, Peer, PeerStatus, Role, SessionParams};
 
 /// Longest time that a rejected process keeps its role for its peer to read its record.
 const REJECTION_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Waits until process `pid` in `role` has rejected this process too or is gone, so
-/// that both report the reason. A process that leaves before would only be missing.
-pub(super) fn await_rejection(domain: &Domain, role: Role, pid: u32) {
+/// Waits until the `rejected` holder of `role` has rejected this process too or is gone,
+/// so that both report the reason. A process that leaves before would only be missing.
+pub(super) fn await_rejection(domain: &Domain, role: Role, own: Tenure, rejected: Tenure) {
     let deadline = Instant::now() + REJECTION_TIMEOUT;
-    while let Ok(Presence::Alive(Some(record))) = presence(domain, role)
-        && record.pid == pid
-        && record.rejected != Some(std::process::id())
+    while let Ok(Presence::Alive(Some(record))) = presence_in(domain.root(), role)
+        && record.tenure == rejected
+        && record.rejected != Some(own)
         && Instant::now() < deadline
     {
         std::thread::sleep(Duration::from_millis(1));
     }
+}
+
+/// Returns the name of the ports of a process: by it they are found, whatever the process
+/// id, which is not the same in another container.
+pub(super) fn port_name(role: Role, tenure: Tenure) -> Result<PortName, String> {
+    PortName::new(&format!("{role}-{tenure}", role = role.as_str())).map_err(|e| e.to_string())
 }
 
 /// A change of the peer that an update has detected.
@@ -66,9 +73,17 @@ enum PeerState {
     Absent,
     /// This end has found the peer's ports and published so; the peer has not found
     /// this end's ports yet.
-    Connecting(Peer),
+    Connecting(Candidate),
     /// Each end receives the other's messages.
-    Connected(Peer),
+    Connected(Candidate),
+}
+
+/// A process that holds the peer's role and has ports.
+#[derive(Debug)]
+struct Candidate {
+    peer: Peer,
+    tenure: Tenure,
+    file: RoleFile,
 }
 
 /// The part of the monitor's state that the control path never accesses.
@@ -77,8 +92,8 @@ struct MonitorState {
     peer: PeerState,
     /// How the last peer was lost, until another is connected.
     lost: Option<LinkError>,
-    /// Process id of the last rejected process, which has been reported.
-    rejected: Option<u32>,
+    /// The last rejected process, which has been reported.
+    rejected: Option<Tenure>,
     node: Node<ipc::Service>,
     role: RoleLock,
 }
@@ -149,17 +164,20 @@ impl<Out: Message, In: Message> MonitorCore<Out, In> {
 
     /// Returns the connected peer.
     pub(super) fn peer(&self) -> Option<Peer> {
-        match self.state().peer {
-            PeerState::Connected(peer) => Some(peer),
+        match &self.state().peer {
+            PeerState::Connected(Candidate { peer, .. }) => Some(*peer),
             PeerState::Absent | PeerState::Connecting(_) => None,
         }
     }
 
     /// Waits until the peer that was rejected last has rejected this process too.
     pub(super) fn await_rejection(&self) {
-        let rejected = self.state().rejected;
-        if let Some(pid) = rejected {
-            await_rejection(&self.domain, In::SENDER, pid);
+        let (own, rejected) = {
+            let state = self.state();
+            (state.role.tenure(), state.rejected)
+        };
+        if let Some(rejected) = rejected {
+            await_rejection(&self.domain, In::SENDER, own, rejected);
         }
     }
 
@@ -179,73 +197,79 @@ impl<Out: Message, In: Message> MonitorCore<Out, In> {
         map_port: impl FnOnce() -> bool,
     ) -> Result<Option<PeerEvent>, ConnectError> {
         let state = &mut *self.state();
-        let presence = presence(&self.domain, In::SENDER)
-            .map_err(|cause| failed(&self.domain, "check for the peer", &cause))?;
-        match state.peer {
-            PeerState::Connected(peer) => {
-                let lost = Self::check_connected(state, presence, peer);
-                self.losses.fetch_add(u64::from(lost.is_some()), Ordering::Relaxed);
-                Ok(lost)
+        if let PeerState::Connected(connected) = &state.peer {
+            let lost = Self::check_connected(connected)
+                .map_err(|cause| failed(&self.domain, "check the peer", &cause))?;
+            let Some(lost) = lost else { return Ok(None) };
+            self.losses.fetch_add(1, Ordering::Relaxed);
+            if !matches!(lost, LinkError::PeerLeft { .. }) {
+                state.node.try_cleanup_dead_nodes();
             }
-            PeerState::Absent | PeerState::Connecting(_) => self.connect(state, presence, map_port),
+            // The peer's last message still counts, so its publisher stays accepted until the
+            // next peer's is.
+            state.peer = PeerState::Absent;
+            state.lost = Some(lost.clone());
+            return Ok(Some(PeerEvent::Lost(lost)));
         }
+        // Nobody can connect any more without the folder; a connected peer needs it no longer.
+        self.domain.check()?;
+        self.connect(state, map_port)
     }
 
-    /// Checks that the connected peer still holds its role.
-    fn check_connected(
-        state: &mut MonitorState,
-        presence: Presence,
-        peer: Peer,
-    ) -> Option<PeerEvent> {
-        let Peer { role, pid, .. } = peer;
-        let lost = match presence {
-            Presence::Alive(Some(record)) if record.pid == pid => return None,
-            Presence::Absent => LinkError::PeerLeft { role, pid },
+    /// Returns how the connected peer was lost, if it was.
+    fn check_connected(connected: &Candidate) -> io::Result<Option<LinkError>> {
+        let &Candidate { peer: Peer { role, pid, .. }, tenure, .. } = connected;
+        Ok(match connected.file.presence()? {
+            Presence::Alive(Some(record)) if record.tenure == tenure => None,
+            Presence::Absent => Some(LinkError::PeerLeft { role, pid }),
             // A successor has not written its record yet.
-            Presence::Alive(None) => return None,
-            Presence::Alive(Some(record)) => LinkError::PeerReplaced { role, pid, by: record.pid },
-            Presence::Dead => LinkError::PeerDied { role, pid },
-        };
-        if !matches!(lost, LinkError::PeerLeft { .. }) {
-            state.node.try_cleanup_dead_nodes();
-        }
-        // The peer's last message still counts, so its publisher stays accepted until the next
-        // peer's is.
-        state.peer = PeerState::Absent;
-        state.lost = Some(lost.clone());
-        Some(PeerEvent::Lost(lost))
+            Presence::Alive(None) => None,
+            Presence::Alive(Some(record)) => {
+                Some(LinkError::PeerReplaced { role, pid, by: record.pid })
+            }
+            Presence::Dead => Some(LinkError::PeerDied { role, pid }),
+        })
     }
 
     /// Advances the connection to a peer that is present and not connected yet.
     fn connect(
         &self,
         state: &mut MonitorState,
-        presence: Presence,
         map_port: impl FnOnce() -> bool,
     ) -> Result<Option<PeerEvent>, ConnectError> {
-        let Presence::Alive(Some(record)) = presence else {
-            state.peer = PeerState::Absent;
+        let last = std::mem::replace(&mut state.peer, PeerState::Absent);
+        let failed = |cause: io::Error| failed(&self.domain, "check for the peer", &cause);
+        let file = RoleFile::open(self.domain.root(), In::SENDER).map_err(failed)?;
+        let Some(file) = file else { return Ok(None) };
+        let Presence::Alive(Some(record)) = file.presence().map_err(failed)? else {
             return Ok(None);
         };
         if let Some(error) = disagreement(In::SENDER, record.params, self.params) {
-            state.peer = PeerState::Absent;
-            if state.rejected.replace(record.pid) == Some(record.pid) {
+            if state.rejected.replace(record.tenure) == Some(record.tenure) {
                 return Ok(None);
             }
-            state.role.publish_rejection(record.pid).map_err(|cause| self.record_error(&cause))?;
+            state
+                .role
+                .publish_rejection(record.tenure)
+                .map_err(|cause| self.record_error(&cause))?;
             return Ok(Some(PeerEvent::Rejected(error)));
         }
-        let connecting = match state.peer {
-            PeerState::Connecting(peer) if peer.pid == record.pid => Some(peer),
-            _ => self.accept(state, &record, map_port)?,
+        let candidate = match last {
+            PeerState::Connecting(candidate) if candidate.tenure == record.tenure => candidate,
+            _ if self.accept(state, &record, map_port)? => {
+                let peer = Peer { role: In::SENDER, pid: record.pid, leg: record.params.leg };
+                Candidate { peer, tenure: record.tenure, file }
+            }
+            _ => return Ok(None),
         };
-        state.peer = connecting.map_or(PeerState::Absent, PeerState::Connecting);
         // Both directions must be ready, so that neither end starts without the other.
-        let is_ready = record.connected_to == Some(std::process::id());
-        let Some(peer) = connecting.filter(|_| is_ready) else {
+        if record.connected_to != Some(state.role.tenure()) {
+            state.peer = PeerState::Connecting(candidate);
             return Ok(None);
-        };
-        state.peer = PeerState::Connected(peer);
+        }
+        self.domain.reserve()?;
+        let peer = candidate.peer;
+        state.peer = PeerState::Connected(candidate);
         (state.lost, state.rejected) = (None, None);
         self.connections.fetch_add(1, Ordering::Relaxed);
         Ok(Some(PeerEvent::Connected(peer)))
@@ -255,32 +279,30 @@ impl<Out: Message, In: Message> MonitorCore<Out, In> {
     /// ports, and publishes so.
     fn accept(
         &self,
-        state: &mut MonitorState,
-        &RoleRecord { pid, params, .. }: &RoleRecord,
+        state: &MonitorState,
+        record: &RoleRecord,
         map_port: impl FnOnce() -> bool,
-    ) -> Result<Option<Peer>, ConnectError> {
-        let Some(publisher) = self.publisher_of(pid).filter(|_| map_port()) else {
-            return Ok(None);
+    ) -> Result<bool, ConnectError> {
+        let name = port_name(In::SENDER, record.tenure)
+            .map_err(|cause| failed(&self.domain, "name the ports", &cause))?;
+        let Some(publisher) = self.publisher_of(&name).filter(|_| map_port()) else {
+            return Ok(false);
         };
         self.accepted.store(key(publisher), Ordering::Relaxed);
-        state.role.publish_connection(pid).map_err(|cause| self.record_error(&cause))?;
-        Ok(Some(Peer { role: In::SENDER, pid, leg: params.leg }))
+        state.role.publish_connection(record.tenure).map_err(|cause| self.record_error(&cause))?;
+        Ok(true)
     }
 
-    /// Returns the publisher of process `pid`, once both its ports exist. (Ports of a
-    /// killed predecessor may exist as well.)
-    fn publisher_of(&self, pid: u32) -> Option<UniquePublisherId> {
-        let is_peer = |node: UniqueNodeId| {
-            node.pid::<ipc::Service>().is_ok_and(|id| u32::try_from(id.value()) == Ok(pid))
-        };
+    /// Returns the publisher of the process whose ports have this name, once both exist.
+    fn publisher_of(&self, name: &PortName) -> Option<UniquePublisherId> {
         let mut subscribes = false;
         self.outgoing.dynamic_config().list_subscribers(|port| {
-            subscribes |= port.subscriber_name == In::SENDER.as_str() && is_peer(port.node_id);
+            subscribes |= port.subscriber_name == *name;
             CallbackProgression::Continue
         });
         let mut publisher = None;
         self.incoming.dynamic_config().list_publishers(|port| {
-            if is_peer(port.node_id) {
+            if port.publisher_name == *name {
                 publisher = Some(port.publisher_id);
             }
             CallbackProgression::Continue

@@ -57,14 +57,12 @@ impl Args {
 pub(crate) fn run(args: &Args) -> Result<()> {
     let programs =
         args.programs.clone().map_or_else(Programs::build, |folder| Ok(Programs::of(folder)))?;
-    let folder = tempfile::tempdir().context("cannot create a temporary folder")?;
-    let domain = Domain { programs, folder: folder.path().to_owned() };
+    let domain = Domain { programs, name: format!("chaos-{}", std::process::id()) };
     if process::hang_up_is_ignored() {
         println!("SIGHUP is ignored here, as under nohup: SIGTERM is sent in its place");
     }
     let begun = Instant::now();
     let mut fixture = Fixture::start(&domain)?;
-    let prefix = domain.prefix()?;
     let mut random = Pcg64Mcg::new(0xcafe_f00d_d15e_a5e5 ^ u128::from(args.seed));
     let mut report = Report::default();
     for number in 1..=args.kills {
@@ -80,7 +78,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     }
     let losses = fixture.leg.losses() + fixture.controller.losses();
     fixture.end()?;
-    domain.ensure_clean(&prefix)?;
+    domain.ensure_clean()?;
     println!("\n{report}");
     println!(
         "{} failures injected in {:.0} s, all survived; {losses} losses reported, each once; no \
@@ -91,10 +89,10 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     Ok(())
 }
 
-/// The programs, and the folder in which their domain lies.
+/// The programs, and the name of the domain in which they connect.
 struct Domain {
     programs: Programs,
-    folder: PathBuf,
+    name: String,
 }
 
 impl Domain {
@@ -110,32 +108,18 @@ impl Domain {
             Role::Controller => self.programs.controller(),
         };
         // Where SCHED_FIFO is allowed, other load on the machine does not count.
-        command.args(["--real-time", "--rt-priority", "20", "--domain", "chaos"]);
-        command.env("TMPDIR", &self.folder);
+        command.args(["--real-time", "--rt-priority", "20", "--domain", &self.name]);
         command
     }
 
-    /// Returns the prefix of the domain's names in shared memory, taken from the names in
-    /// its folder.
-    fn prefix(&self) -> Result<String> {
-        let names = walk(&self.folder);
-        let name = names
-            .iter()
-            .filter(|path| path.extension().is_some_and(|extension| extension == "service"))
-            .find_map(|path| path.file_name()?.to_str()?.split_once('.'));
-        let (prefix, _) = name.context("no service in the domain's folder")?;
-        Ok(format!("{prefix}."))
-    }
-
-    fn ensure_clean(&self, prefix: &str) -> Result<()> {
-        let left = walk(&self.folder);
-        ensure!(left.is_empty(), "left in the temporary folder: {left:?}");
-        let left: Vec<_> = walk(Path::new("/dev/shm"))
-            .into_iter()
-            .filter(|path| {
-                path.file_name().is_some_and(|n| n.to_string_lossy().starts_with(prefix))
-            })
-            .collect();
+    /// Checks that neither the folder of the domain nor any shared memory of it is left.
+    fn ensure_clean(&self) -> Result<()> {
+        let is_own = |path: &PathBuf| {
+            let path = path.strip_prefix("/dev/shm").unwrap_or(path).to_string_lossy();
+            path.starts_with("leg-") && path.contains(&format!("-{}-", self.name))
+                || path.starts_with("spring-leg-") && path.contains(&self.name)
+        };
+        let left: Vec<_> = walk(Path::new("/dev/shm")).into_iter().filter(is_own).collect();
         ensure!(left.is_empty(), "left in shared memory: {left:?}");
         Ok(())
     }
@@ -172,7 +156,7 @@ impl<'a> Fixture<'a> {
 
     fn status(&self) -> Result<serde_json::Value> {
         let mut status = self.domain.programs.controller();
-        status.args(["status", "--json", "--domain", "chaos"]).env("TMPDIR", &self.domain.folder);
+        status.args(["status", "--json", "--domain", &self.domain.name]);
         let output = status.output().context("cannot start `controller status`")?;
         Ok(serde_json::from_slice(&output.stdout).unwrap_or_default())
     }
@@ -191,7 +175,7 @@ impl<'a> Fixture<'a> {
         std::thread::sleep(injection.after);
         // A busy machine too may keep one of them from ticking.
         peer.wait_for_report(|report| !report.is_lost(), PATIENCE)?;
-        target.inject(injection.kind)?;
+        target.inject(injection.kind, injection.ending)?;
 
         let lost = peer.wait_for_report(PeerReport::is_lost, PATIENCE)?;
         let ticks_until_safe = lost.ticks_until_safe().context("no ticks in the report")?;
@@ -205,13 +189,15 @@ impl<'a> Fixture<'a> {
             // The peer may have met it by then, or not.
             target.restart(domain.command(injection.target))?;
             std::thread::sleep(after);
-            target.inject(Kind::Kill)?;
+            target.inject(Kind::Kill, Duration::ZERO)?;
             std::thread::sleep(SETTLED);
             peer.wait_for_report(PeerReport::is_lost, PATIENCE)?;
         }
         let returned = match injection.kind {
             Kind::Stop => target.resume()?,
-            Kind::Kill | Kind::HangUp => target.restart(domain.command(injection.target))?,
+            Kind::Kill | Kind::HangUp | Kind::KillAtEnd => {
+                target.restart(domain.command(injection.target))?
+            }
         };
         let report = peer.wait_for_report(|report| !report.is_lost(), PATIENCE)?;
         let PeerReport::Present(Some(back)) = report else {

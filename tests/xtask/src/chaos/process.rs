@@ -155,14 +155,20 @@ impl Process {
         kill_process(pid.context("no process")?, signal).context("cannot send the signal")
     }
 
-    /// Injects a failure. A process that ends has ended on return.
-    pub(super) fn inject(&mut self, kind: Kind) -> Result<()> {
+    /// Injects a failure. A process that ends has ended on return. One that is killed while
+    /// it ends is killed so long `after` it was told to end.
+    pub(super) fn inject(&mut self, kind: Kind, after: Duration) -> Result<()> {
         match kind {
             Kind::Stop => return self.signal(Signal::STOP),
             Kind::Kill => self.signal(Signal::KILL)?,
             // A SIGHUP that is ignored here, as under `nohup`, is ignored by the child too.
             Kind::HangUp if hang_up_is_ignored() => self.signal(Signal::TERM)?,
             Kind::HangUp => self.signal(Signal::HUP)?,
+            Kind::KillAtEnd => {
+                self.signal(Signal::TERM)?;
+                std::thread::sleep(after);
+                self.signal(Signal::KILL)?;
+            }
         }
         ensure!(self.wait(Duration::from_secs(10))?, "the {} does not end", self.role);
         Ok(())

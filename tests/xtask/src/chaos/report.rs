@@ -34,7 +34,7 @@ impl Report {
     fn table(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "{:<22} {:>6} {:>9} {:>16} {:>27}",
+            "{:<36} {:>6} {:>9} {:>16} {:>27}",
             "", "count", "at start", "safe after", "back after p50, p99, max"
         )?;
         for target in [Role::Leg, Role::Controller] {
@@ -53,7 +53,7 @@ impl Report {
                 back.sort_by(f64::total_cmp);
                 writeln!(
                     f,
-                    "{:<22} {:>6} {:>9} {:>10} ticks {:>9.1} {:>7.1} {:>6.1} ms",
+                    "{:<36} {:>6} {:>9} {:>10} ticks {:>9.1} {:>7.1} {:>6.1} ms",
                     format!("the {target} {kind}"),
                     of_kind.len(),
                     at_start,
