@@ -52,9 +52,10 @@ impl Place {
         self.dir.path().join("policy.bin")
     }
 
-    /// Starts a subcommand.
+    /// Starts a subcommand, in the folder of this place.
     pub(crate) fn start(&self, command: &str, arguments: &[&str]) -> Running {
-        Running::start(Command::new(PROGRAM).arg(command).args(arguments))
+        let mut program = Command::new(PROGRAM);
+        Running::start(program.arg(command).args(arguments).current_dir(self.dir.path()))
     }
 
     /// Starts a simulator in the test domain.

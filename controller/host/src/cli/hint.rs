@@ -166,7 +166,7 @@ mod tests {
         assert_eq!(missing_peer(&missing), format!("{command}`"));
         let missing = MissingPeer { time_mode: Some(TimeMode::RealTime), ..missing };
         assert_eq!(missing_peer(&missing), format!("{command} --real-time`"));
-        let hint = connect_error(&ConnectError::PeerMissing(missing)).unwrap();
+        let hint = connect_error(&ConnectError::PeerMissing(Box::new(missing))).unwrap();
         assert!(hint.ends_with("; --timeout sets how long to wait"), "{hint}");
     }
 

@@ -44,7 +44,7 @@ impl Display for MissingPeer {
 pub enum ConnectError {
     /// No peer connected in time.
     #[error("{0}")]
-    PeerMissing(MissingPeer),
+    PeerMissing(Box<MissingPeer>),
     /// Another process holds this end's role.
     #[error("a {role} is already running in domain `{domain}`{}", process(*pid))]
     RoleTaken {

@@ -187,7 +187,7 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
                 looked = missing.waited;
             }
             if left.is_zero() || !keep_waiting(&missing) {
-                return Err(ConnectError::PeerMissing(missing));
+                return Err(ConnectError::PeerMissing(Box::new(missing)));
             }
             std::thread::sleep(CHECK_INTERVAL.min(left));
         }
