@@ -31,7 +31,7 @@ use leg_control::guard::Counts;
 use leg_control::policy::Manifest;
 use leg_process::policy_file::PolicyFileError;
 
-/// Longest patience that `--timeout` accepts, s.
+/// Longest timeout that `--timeout` accepts, s.
 const MAX_TIMEOUT_S: f64 = 86_400.0;
 /// How long a peer is waited for by default.
 const TIMEOUT: Duration = Duration::from_secs(10);

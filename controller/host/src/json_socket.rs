@@ -26,7 +26,7 @@ use super::socket::{SocketError, SocketFile};
 /// Longest request and longest answer, bytes.
 pub const MAX_LINE: usize = 4 << 20;
 /// A client must send its request and read the answer within this time.
-const PATIENCE: Duration = Duration::from_secs(2);
+const TIMEOUT: Duration = Duration::from_secs(2);
 /// How often the thread checks whether to end.
 const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
 
@@ -163,7 +163,7 @@ fn serve(listener: &UnixListener, end: &AtomicBool, mut answer: impl FnMut(&[u8]
 /// Serves one client, from its request to its answer.
 fn attend(mut socket: UnixStream, answer: &mut impl FnMut(&[u8]) -> Answer) -> io::Result<()> {
     socket.set_nonblocking(false)?;
-    let deadline = Instant::now() + PATIENCE;
+    let deadline = Instant::now() + TIMEOUT;
     let answer: Answer = match read_line(&mut socket, deadline) {
         Ok(line) => answer(&line),
         Err(error) if error.kind() == ErrorKind::FileTooLarge => Err(error.to_string()),

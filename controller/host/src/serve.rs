@@ -45,7 +45,7 @@ pub fn serve(
     timeout: Duration,
     law: impl FnMut(&Sample) -> Command,
 ) -> Result<u64, ServeError> {
-    serve_patiently(link, Some(timeout), law, |_| ())
+    serve_reporting_silence(link, Some(timeout), law, |_| ())
 }
 
 /// As [`serve`]; without a `timeout`, waits for a silent leg as long as it lives. `on_silence`
@@ -53,7 +53,7 @@ pub fn serve(
 ///
 /// # Errors
 /// As [`serve`].
-pub fn serve_patiently(
+pub fn serve_reporting_silence(
     link: &mut impl ControllerLink,
     timeout: Option<Duration>,
     mut law: impl FnMut(&Sample) -> Command,

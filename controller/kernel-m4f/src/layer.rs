@@ -180,7 +180,7 @@ macro_rules! relu {
 #[unsafe(naked)]
 unsafe extern "C" fn layer(job: *const Job) {
     naked_asm!(
-        // The assembler is not told what the target has; every one with this ABI has this.
+        // The assembler does not know the target's features; every target with this ABI has this one.
         ".fpu vfpv2",
         "push {{r4, r5}}",
         "vpush {{s16-s29}}",

@@ -12,7 +12,7 @@ use core::arch::naked_asm;
 #[unsafe(naked)]
 pub extern "C" fn sqrt(x: f32) -> f32 {
     naked_asm!(
-        // As in `layer`: the assembler is not told what the target has.
+        // As in `layer`: the assembler does not know the target's features.
         ".fpu vfpv2",
         "vsqrt.f32 s0, s0",
         "bx lr",

@@ -113,7 +113,7 @@ impl Mark {
     }
 
     /// Returns a plane of equal cells, coloured by value, with the scale beside the
-    /// panel. `x` and `y` say where the plane lies, `columns` how many cells lie across.
+    /// panel. `x` and `y` are the ranges of the plane, `columns` is the number of cells across.
     /// Values go row by row from below; those that are not finite stay white. `scale`
     /// holds the values at the two ends of the colours, `label` names quantity and unit.
     #[must_use]

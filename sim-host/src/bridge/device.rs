@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use leg_control::serial::message::{Alarm, Mode, Request, Status};
 use leg_control::wire::WIRE_VERSION;
 use leg_host::LinkError;
-use leg_host::serial::client::{ClientError, HELLO_PATIENCE, random_u32};
+use leg_host::serial::client::{ClientError, IDENTIFY_TIMEOUT, random_u32};
 use leg_host::serial::{ByteStream, Client, DeviceIdentity, OpenError};
 use leg_process::Stop;
 
@@ -121,7 +121,7 @@ impl Device {
         stop: &Stop,
     ) -> Result<Self, BridgeError> {
         let mut client = Client::new(connect()?, stop);
-        let identity = client.identify(HELLO_PATIENCE)?;
+        let identity = client.identify(IDENTIFY_TIMEOUT)?;
         let base = ControllerCounts::default();
         let (reconnects, reboots) = (0, 0);
         let mut device = Self {
@@ -239,7 +239,7 @@ impl Device {
     fn try_again(&mut self, left: Duration) -> Result<(), BridgeError> {
         let stream = (self.connect)()?;
         self.client.replace_stream(stream);
-        self.identity = self.client.identify(left.min(HELLO_PATIENCE))?;
+        self.identity = self.client.identify(left.min(IDENTIFY_TIMEOUT))?;
         if !self.is_in_our_run(&self.identity) {
             self.check()?;
             self.begin()?;
@@ -252,7 +252,7 @@ impl Device {
     /// Ends the session: returns the controller's counts of this run, and leaves it idle.
     pub(super) fn finish(&mut self) -> Result<ControllerCounts, ClientError> {
         let mut counts = self.counts()?;
-        self.identity = self.client.identify(HELLO_PATIENCE)?;
+        self.identity = self.client.identify(IDENTIFY_TIMEOUT)?;
         self.client.have_done(&Request::SetMode(Mode::Idle))?;
         // The counts of line and board run from power-up.
         let base = &self.base;

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use leg_control::serial::message::{Alarm, Mode, Reply, Request};
 use leg_control::wire::{Command, Sample, flags};
-use leg_host::serial::client::REQUEST_PATIENCE;
+use leg_host::serial::client::REQUEST_TIMEOUT;
 use leg_host::serial::{ClientError, DeviceIdentity, Received};
 use leg_host::serve::ServeError;
 use leg_host::shm::ShmController;
@@ -222,7 +222,7 @@ impl Forwarder {
     /// Drops a request that is overdue: its client has given up, too.
     fn drop_overdue_request(&mut self) {
         if let Some(age) = self.device.client.request_age()
-            && age >= REQUEST_PATIENCE
+            && age >= REQUEST_TIMEOUT
         {
             self.device.client.drop_request();
             self.pending = None;

@@ -1,4 +1,4 @@
-//! The controller under replay, when the recording does not tell what it received.
+//! The controller under replay, when the recording does not show what it received.
 //!
 //! In real time a recording has samples without a command. The controller may
 //! have missed such a sample, or answered it too late; it may also have ticked

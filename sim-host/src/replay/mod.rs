@@ -3,7 +3,7 @@
 //!
 //! In lock-step the controller received every sample, so the same policy must give
 //! the same commands bit for bit. In real time it may have missed samples, and the
-//! recording does not tell which; see `controller`.
+//! recording does not show which; see `controller`.
 
 mod compare;
 mod controller;

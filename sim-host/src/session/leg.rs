@@ -125,7 +125,7 @@ impl<'a> Leg<'a> {
         &self.sample
     }
 
-    /// Returns the sample that tells the controller that the run is over.
+    /// Returns the sample that announces the end of the run to the controller.
     #[must_use]
     pub fn end_sample(&self) -> Sample {
         Sample { header: self.header(flags::END), ..Sample::default() }

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use leg_control::serial::message::{Mode, Request, Slot};
 use leg_host::flash::MemoryFlash;
-use leg_host::serial::client::{Client, HELLO_PATIENCE};
+use leg_host::serial::client::{Client, IDENTIFY_TIMEOUT};
 use leg_host::serial::stream::over_unix;
 use leg_host::serial::{Endpoint, VirtualBoard};
 use leg_process::Stop;
@@ -288,7 +288,7 @@ fn two_bridges_run_independently() {
     // It was left in good order.
     let mut client =
         Client::new(Endpoint::Unix(board.path.clone()).open().unwrap(), &Stop::default());
-    assert_eq!(client.identify(HELLO_PATIENCE).unwrap().mode, Mode::Idle);
+    assert_eq!(client.identify(IDENTIFY_TIMEOUT).unwrap().mode, Mode::Idle);
     place.assert_clean();
 }
 
@@ -310,7 +310,7 @@ fn uploads_and_rolls_back_a_policy_during_a_run() {
     let wait_for_socket = || {
         let start_time = Instant::now();
         while !Endpoint::Unix(socket.clone()).open().is_ok_and(|stream| {
-            Client::new(stream, &Stop::default()).identify(HELLO_PATIENCE).is_ok()
+            Client::new(stream, &Stop::default()).identify(IDENTIFY_TIMEOUT).is_ok()
         }) {
             assert!(start_time.elapsed() < SOON, "no board behind the socket");
             std::thread::sleep(Duration::from_millis(10));
@@ -383,7 +383,7 @@ fn names_a_missing_or_silent_board_with_a_hint() {
     let _mute = UnixListener::bind(&path).unwrap();
     let mute = start(&["--unix", text(&path)]).end();
     mute.assert(1, &["no answer for", "powered"]);
-    assert!(mute.took >= HELLO_PATIENCE && mute.took < SOON);
+    assert!(mute.took >= IDENTIFY_TIMEOUT && mute.took < SOON);
     let port = path.with_file_name("ttyACM7");
     start(&["--serial", text(&port)]).end().assert(1, &[text(&port), "2000000 baud", "plugged in"]);
     place.assert_clean();

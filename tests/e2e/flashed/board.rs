@@ -8,7 +8,7 @@ use harness::board::{BOARDS, Image};
 use harness::emulator::Emulator;
 use leg_control::serial::message::{Mode, Request, Status};
 use leg_control::wire::{Command, Sample};
-use leg_host::serial::client::{Client, HELLO_PATIENCE, Received};
+use leg_host::serial::client::{Client, IDENTIFY_TIMEOUT, Received};
 use leg_host::serial::stream::{ByteStream, Endpoint};
 use leg_process::Stop;
 use tempfile::TempDir;
@@ -76,7 +76,7 @@ impl Flashed {
         let stream = line(endpoint.open().expect("the UART's socket"));
         let client = Client::new(stream, &Stop::default());
         let mut flashed = Self { client, emulator, seq: 0, _folder: folder };
-        flashed.client.identify(HELLO_PATIENCE).expect("it answers");
+        flashed.client.identify(IDENTIFY_TIMEOUT).expect("it answers");
         flashed
     }
 

@@ -22,7 +22,7 @@ enum Scale {
     /// Shares by their distance to 1, which is what matters: 0.9, 0.99, 0.999 are
     /// equally far apart. The highest place, that of exactly 1, is for so many starts.
     Nines(f64),
-    /// By tens, not below the least that is told apart.
+    /// By tens, not below the smallest resolved value.
     Tens(f64),
     Plain,
 }

@@ -98,7 +98,7 @@ fn hop(policy: &Policy<'static>) {
             vy_m_s,
             ..Sample::default()
         });
-        // Which kind of tick it is, a twin says.
+        // A second controller on the same samples tells the kinds of tick apart.
         let at_apex = controller.clone().tick(Some(&sample)).apexes > apexes;
         let command = match (at_apex, stance) {
             (true, _) => measured_tick_at_apex(Some(&sample), black_box(&mut controller)),

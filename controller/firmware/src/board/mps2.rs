@@ -45,7 +45,7 @@ const RX_INTERRUPT: u32 = 1 << 1;
 const BAUD_DIVIDER: u32 = 16;
 
 /// Looks at the UART before it is given up.
-const PATIENCE: u32 = 10_000_000;
+const TIMEOUT: u32 = 10_000_000;
 
 impl Uart {
     fn read(self) -> u32 {
@@ -135,7 +135,7 @@ impl Board for Mps2 {
     #[inline(never)]
     fn send_polled(byte: u8) {
         // Seconds, and not for ever: nobody may be listening.
-        if (0..PATIENCE).any(|_| Uart::State.read() & TX_FULL == 0) {
+        if (0..TIMEOUT).any(|_| Uart::State.read() & TX_FULL == 0) {
             Uart::Data.write(byte.into());
         }
     }

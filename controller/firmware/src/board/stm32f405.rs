@@ -29,14 +29,13 @@ const PLL_CORE_HZ: u32 = 168_000_000;
 /// Wait states at that clock and 2.7 to 3.6 V (RM0090, "Relation between CPU clock frequency and Flash memory read time").
 const WAIT_STATES: u8 = 5;
 
-/// Looks at a flag, each some cycles, before it is given up: 0.1 s and more at
-/// 16 MHz for a clock (a crystal takes some 2 ms) ...
-const CLOCK_PATIENCE: u32 = 400_000;
-/// ... a second and more at 168 MHz for the flash, whose erase takes 0.5 s at
-/// most ...
-const FLASH_PATIENCE: u32 = 50_000_000;
-/// ... and some milliseconds for the UART, of which a byte takes 5 us.
-const UART_PATIENCE: u32 = 1_000_000;
+/// Reads of the flag of a clock before the wait ends: at least 0.1 s at 16 MHz; a
+/// crystal starts in 2 ms.
+const CLOCK_ATTEMPTS: u32 = 400_000;
+/// Reads of the flag of the flash: at least 1 s at 168 MHz; an erase takes up to 0.5 s.
+const FLASH_ATTEMPTS: u32 = 50_000_000;
+/// Reads of the flag of the UART: some milliseconds; a byte takes 5 us.
+const UART_ATTEMPTS: u32 = 1_000_000;
 
 /// Flash: where it begins, and the size of its first four sectors.
 const FLASH_START: usize = 0x0800_0000;
@@ -56,16 +55,16 @@ struct Clocks {
     apb2_hz: u32,
 }
 
-/// Waits for a flag; false when it does not come.
-fn comes(patience: u32, flag: impl Fn() -> bool) -> bool {
-    (0..patience).any(|_| flag())
+/// Reads a flag until it is set; returns false when it is not after so many `attempts`.
+fn comes(attempts: u32, flag: impl Fn() -> bool) -> bool {
+    (0..attempts).any(|_| flag())
 }
 
 /// 168 MHz from the crystal, which the regulator bears as it is after reset; from the oscillator inside when there is none;
 /// 16 MHz from that alone when the PLL does not lock either.
 fn start_clocks(rcc: &RCC, flash: &FLASH) -> Clocks {
     rcc.cr().modify(|_, w| w.hseon().on());
-    let has_crystal = comes(CLOCK_PATIENCE, || rcc.cr().read().hserdy().is_ready());
+    let has_crystal = comes(CLOCK_ATTEMPTS, || rcc.cr().read().hserdy().is_ready());
     if !has_crystal {
         rcc.cr().modify(|_, w| w.hseon().off());
     }
@@ -80,7 +79,7 @@ fn start_clocks(rcc: &RCC, flash: &FLASH) -> Clocks {
         if has_crystal { w.pllsrc().hse() } else { w.pllsrc().hsi() }
     });
     rcc.cr().modify(|_, w| w.pllon().on());
-    let is_locked = comes(CLOCK_PATIENCE, || rcc.cr().read().pllrdy().is_ready());
+    let is_locked = comes(CLOCK_ATTEMPTS, || rcc.cr().read().pllrdy().is_ready());
 
     // Slower reads before the faster clock.
     // SAFETY: the field has a bit more than the wait states need.
@@ -90,7 +89,7 @@ fn start_clocks(rcc: &RCC, flash: &FLASH) -> Clocks {
         // 42 MHz at most for APB1, 84 for APB2.
         rcc.cfgr().modify(|_, w| w.hpre().div1().ppre1().div4().ppre2().div2());
         rcc.cfgr().modify(|_, w| w.sw().pll());
-        if comes(CLOCK_PATIENCE, || rcc.cfgr().read().sws().is_pll()) {
+        if comes(CLOCK_ATTEMPTS, || rcc.cfgr().read().sws().is_pll()) {
             use_caches(flash);
             return Clocks { core_hz: PLL_CORE_HZ, apb2_hz: PLL_CORE_HZ / 2 };
         }
@@ -145,7 +144,7 @@ impl Board for Stm32f405 {
         // A peripheral wakes two cycles after its clock (errata sheet ES0182).
         let _ = p.RCC.apb2enr().read();
 
-        // Level and function first, so that the pin never says anything else. A
+        // Level and function first, so that the pin never has another level. A
         // line that is not connected is pulled to its idle level.
         p.GPIOA.ospeedr().modify(|_, w| w.ospeedr9().high_speed());
         p.GPIOA.pupdr().modify(|_, w| w.pupdr9().pull_up().pupdr10().pull_up());
@@ -179,7 +178,7 @@ impl Board for Stm32f405 {
     #[inline(never)]
     fn send_polled(byte: u8) {
         let usart = usart();
-        if comes(UART_PATIENCE, || usart.sr().read().txe().bit_is_set()) {
+        if comes(UART_ATTEMPTS, || usart.sr().read().txe().bit_is_set()) {
             usart.dr().write(|w| w.dr().set(u16::from(byte)));
         }
     }
@@ -204,7 +203,7 @@ fn USART1() {
         if status.ore().bit_is_set() {
             line::overrun();
         }
-        // A byte of bad shape goes on, too: the frame's checksum tells.
+        // A byte with a framing error is passed on too: the checksum of its frame finds it.
         if status.rxne().bit_is_clear() && status.ore().bit_is_clear() {
             break;
         }
@@ -228,7 +227,7 @@ fn USART1() {
 fn with_flash(act: impl FnOnce(&FLASH)) -> Result<(), FlashError> {
     // SAFETY: only the main loop uses it, through the slots, one call at a time.
     let flash = unsafe { FLASH::steal() };
-    if !comes(FLASH_PATIENCE, || flash.sr().read().bsy().bit_is_clear()) {
+    if !comes(FLASH_ATTEMPTS, || flash.sr().read().bsy().bit_is_clear()) {
         return Err(FlashError);
     }
     if flash.cr().read().lock().is_locked() {
@@ -246,7 +245,7 @@ fn with_flash(act: impl FnOnce(&FLASH)) -> Result<(), FlashError> {
         w.pgaerr().clear_bit_by_one().pgperr().clear_bit_by_one().pgserr().clear_bit_by_one()
     });
     act(&flash);
-    let is_done = comes(FLASH_PATIENCE, || flash.sr().read().bsy().bit_is_clear());
+    let is_done = comes(FLASH_ATTEMPTS, || flash.sr().read().bsy().bit_is_clear());
     let status = flash.sr().read();
     flash.cr().write(|w| w.lock().set_bit());
     let is_wrong = status.operr().bit()

@@ -94,7 +94,7 @@ pub enum PolicyCommand {
 pub struct Wait {
     /// How long to wait for the apex at which it is swapped in, s.
     #[arg(long = "wait", value_name = "S", default_value = "10", value_parser = parse_timeout, allow_negative_numbers = true)]
-    patience: Duration,
+    limit: Duration,
 }
 
 /// What the virtual board is made of.
@@ -292,7 +292,7 @@ fn policy(command: &PolicyCommand, stop: &Stop) -> Result<(), CommandError> {
                 &policy,
                 blob.as_slice(),
                 &file.display().to_string(),
-                wait.patience,
+                wait.limit,
                 show,
             )?;
             let (name, crc32) = (policy.manifest().name, policy.crc32());
@@ -316,7 +316,7 @@ fn policy(command: &PolicyCommand, stop: &Stop) -> Result<(), CommandError> {
         }
         PolicyCommand::RollBack { target, wait } => {
             let (mut client, _) = target.connect(stop)?;
-            let (slot, after) = roll_back(&mut client, wait.patience)?;
+            let (slot, after) = roll_back(&mut client, wait.limit)?;
             let slots = client.slots()?;
             let policy = slots[slot as usize].content.ok();
             let (name, crc32) = policy.unwrap_or_default();

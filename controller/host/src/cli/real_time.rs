@@ -36,7 +36,7 @@ impl RunServer {
             }
         };
         let (lost_peer, supervise) =
-            realtime::supervise_peer(&self.link, &self.stop, self.patience, on_event);
+            realtime::supervise_peer(&self.link, &self.stop, self.timeout, on_event);
         let ServeOutcome { ended, samples, last, report } =
             realtime::serve(self.link, &mut self.node, exit_on, &options, &self.stop, supervise);
         on_summary(&Summary {

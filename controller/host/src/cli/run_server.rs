@@ -11,7 +11,7 @@ use crate::node_loop::NodeLoop;
 use crate::node_server::{NodeServer, StatusSources};
 use crate::policy_cache;
 use crate::realtime::LatestReport;
-use crate::serve::{ServeError, serve_patiently};
+use crate::serve::{ServeError, serve_reporting_silence};
 use crate::shm::{ConnectError, ShmController};
 use crate::{Domain, SessionParams};
 use leg_control::config::Config;
@@ -26,11 +26,11 @@ pub(super) struct RunServer {
     pub(super) node: NodeLoop,
     pub(super) stop: Stop,
     /// How long to wait for a missing or silent leg; `None` is without limit.
-    pub(super) patience: Option<Duration>,
+    pub(super) timeout: Option<Duration>,
     pub(super) once: bool,
     has_reported_missing: bool,
     /// The process whose run is over.
-    farewell: Option<u32>,
+    served: Option<u32>,
 }
 
 /// Runs the controller: until a signal ends it or, with `--once`, for one run. `on_summary`
@@ -81,10 +81,10 @@ impl RunServer {
             node,
             stop,
             // Without --once the process waits without limit, unless a limit is given.
-            patience: if args.once { Some(args.meeting.timeout()) } else { args.meeting.timeout },
+            timeout: if args.once { Some(args.meeting.timeout()) } else { args.meeting.timeout },
             once: args.once,
             has_reported_missing: false,
-            farewell: None,
+            served: None,
         })
     }
 
@@ -104,7 +104,7 @@ impl RunServer {
             match self.serve() {
                 Ok(summary) => {
                     on_summary(&summary);
-                    self.farewell = self.link.peer().map(|peer| peer.pid);
+                    self.served = self.link.peer().map(|peer| peer.pid);
                     if self.once {
                         return Ok(());
                     }
@@ -116,7 +116,7 @@ impl RunServer {
                     if !self.once && cause.lost_peer().is_some() =>
                 {
                     // The end of a run was reported before.
-                    if cause.lost_peer() != self.farewell {
+                    if cause.lost_peer() != self.served {
                         let message = with_hint(&cause, hint::link_error(&cause));
                         log(format_args!("after {ticks} ticks: {message}; waiting for the next"));
                     }
@@ -130,7 +130,7 @@ impl RunServer {
     /// Waits until a leg is connected.
     pub(super) fn wait(&mut self) -> Result<(), ConnectError> {
         let (reported, node) = (&mut self.has_reported_missing, &mut self.node);
-        let peer = self.link.wait_for_peer(self.patience, |missing| {
+        let peer = self.link.wait_for_peer(self.timeout, |missing| {
             node.idle();
             if !*reported && missing.waited >= REPORT_AFTER {
                 *reported = true;
@@ -159,7 +159,8 @@ impl RunServer {
             apexes = command.apexes;
             command
         };
-        let ticks = serve_patiently(&mut self.link, self.patience, law, |silence| log(silence))?;
+        let ticks =
+            serve_reporting_silence(&mut self.link, self.timeout, law, |silence| log(silence))?;
         Ok(summary(&self.node, ticks, apexes))
     }
 }

@@ -11,7 +11,7 @@ use crate::link::Role;
 use crate::serial::stream::{
     ByteStream, Endpoint, OpenError, USUAL_BAUD, over_unix, parse_address, parse_baud,
 };
-use crate::serial::{Client, ClientError, DeviceIdentity, client::HELLO_PATIENCE};
+use crate::serial::{Client, ClientError, DeviceIdentity, client::IDENTIFY_TIMEOUT};
 use crate::server::socket_in;
 use leg_process::Stop;
 
@@ -89,12 +89,12 @@ impl TargetArgs {
             Self { tcp: Some(address), .. } => Endpoint::Tcp(address.clone()),
             Self { .. } => {
                 let mut client = Client::new(open_process(self.meeting.domain())?, stop);
-                let identity = client.identify(self.timeout().min(HELLO_PATIENCE))?;
+                let identity = client.identify(self.timeout().min(IDENTIFY_TIMEOUT))?;
                 return Ok((client, identity));
             }
         };
         let mut client = Client::new(endpoint.open()?, stop);
-        let identity = client.identify(HELLO_PATIENCE)?;
+        let identity = client.identify(IDENTIFY_TIMEOUT)?;
         Ok((client, identity))
     }
 }

@@ -4,7 +4,7 @@
 //! the role. The lock excludes a second holder and distinguishes a live holder
 //! from a dead one; the text of the file publishes the holder's session parameters
 //! before the first message, and then its progress. A process that ends in good order
-//! says so in its last line and removes the file; a killed one leaves it behind, unlocked.
+//! writes a last line and removes the file; a killed one leaves it behind, unlocked.
 
 use std::fmt;
 use std::fs::{self, File, TryLockError};

@@ -22,9 +22,9 @@ use leg_control::wire::{Command, Sample};
 use leg_process::Stop;
 
 /// Longest wait for the first reply: a first byte may be lost, and an emulator takes a while to boot.
-pub const HELLO_PATIENCE: Duration = Duration::from_secs(3);
+pub const IDENTIFY_TIMEOUT: Duration = Duration::from_secs(3);
 /// Longest wait for the reply to any other request.
-pub const REQUEST_PATIENCE: Duration = Duration::from_secs(3);
+pub const REQUEST_TIMEOUT: Duration = Duration::from_secs(3);
 /// Longest wait on the line before the stop flag is checked.
 const LOOK: Duration = Duration::from_millis(50);
 
@@ -351,14 +351,14 @@ impl Client {
     pub fn request(
         &mut self,
         request: &Request<'_>,
-        patience: Duration,
+        timeout: Duration,
     ) -> Result<Reply<'_>, ClientError> {
         self.sample = None;
         let (begun, bad) = (Instant::now(), bad_frames(self.line.counts()));
         self.foreign = None;
         self.post_request(request);
         loop {
-            match self.listen(patience)? {
+            match self.listen(timeout)? {
                 Received::Reply => break,
                 Received::Alarm(alarm @ Alarm::Crash(_)) => return Err(ClientError::Alarm(alarm)),
                 Received::Alarm(Alarm::NoPolicy { .. })
@@ -366,7 +366,7 @@ impl Client {
                 | Received::Nothing => (),
             }
             let waited = begun.elapsed();
-            if waited >= patience {
+            if waited >= timeout {
                 self.request = None;
                 let bad = bad_frames(self.line.counts()) - bad;
                 return Err(match self.foreign {
@@ -388,19 +388,19 @@ impl Client {
     /// # Errors
     /// As [`Client::request`].
     pub fn have_done(&mut self, request: &Request<'_>) -> Result<(), ClientError> {
-        match self.request(request, REQUEST_PATIENCE)? {
+        match self.request(request, REQUEST_TIMEOUT)? {
             Reply::Done => Ok(()),
             _ => Err(ClientError::WrongReply),
         }
     }
 
-    /// Sends [`Request::Identify`] until it is answered, at most for `patience`
-    /// ([`HELLO_PATIENCE`] is usual); returns the identity.
+    /// Sends [`Request::Identify`] until it is answered, at most for `timeout`
+    /// ([`IDENTIFY_TIMEOUT`] is usual); returns the identity.
     ///
     /// # Errors
     /// As [`Client::request`].
-    pub fn identify(&mut self, patience: Duration) -> Result<DeviceIdentity, ClientError> {
-        match self.request(&Request::Identify, patience)? {
+    pub fn identify(&mut self, timeout: Duration) -> Result<DeviceIdentity, ClientError> {
+        match self.request(&Request::Identify, timeout)? {
             Reply::Identity(identity) => Ok(DeviceIdentity::from(&identity)),
             _ => Err(ClientError::WrongReply),
         }
@@ -411,7 +411,7 @@ impl Client {
     /// # Errors
     /// As [`Client::request`].
     pub fn slots(&mut self) -> Result<[SlotReport<'_>; 2], ClientError> {
-        match self.request(&Request::Slots, REQUEST_PATIENCE)? {
+        match self.request(&Request::Slots, REQUEST_TIMEOUT)? {
             Reply::Slots(slots) => Ok(slots),
             _ => Err(ClientError::WrongReply),
         }
@@ -445,7 +445,7 @@ impl Client {
     ) -> Result<Vec<u8>, ClientError> {
         let mut all = Vec::new();
         loop {
-            match self.request(&request(all.len() as u32), REQUEST_PATIENCE)? {
+            match self.request(&request(all.len() as u32), REQUEST_TIMEOUT)? {
                 Reply::Bytes([]) => return Ok(all),
                 Reply::Bytes(part) => all.extend_from_slice(part),
                 _ => return Err(ClientError::WrongReply),
@@ -458,7 +458,7 @@ impl Client {
     /// # Errors
     /// As [`Client::request`].
     pub fn status(&mut self) -> Result<Status, ClientError> {
-        match self.request(&Request::Status, REQUEST_PATIENCE)? {
+        match self.request(&Request::Status, REQUEST_TIMEOUT)? {
             Reply::Status(status) => Ok(status),
             _ => Err(ClientError::WrongReply),
         }

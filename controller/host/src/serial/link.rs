@@ -1,9 +1,8 @@
 //! A link over a stream of bytes: samples one way, commands the other, each in a
 //! frame as [`PROTOCOL.md`](../../serial/PROTOCOL.md) has it.
 //!
-//! Nothing is said twice: a frame that is damaged on the way is a message that is
-//! lost, and the next one counts. The [`Client`](super::Client) is what insists on
-//! answers.
+//! Nothing is sent twice: a damaged frame is a lost message, and the next one counts.
+//! The [`Client`](super::Client) retransmits until it has an answer.
 
 use std::io;
 use std::time::{Duration, Instant};

@@ -162,8 +162,8 @@ fn samples_and_requests_go_side_by_side() {
         let begun = Instant::now();
         while (command.is_none() || !reply) && begun.elapsed() < LONG {
             match client.listen(LONG).unwrap() {
-                Received::Command { seq, command: heard, again: false } => {
-                    command = Some((seq, heard));
+                Received::Command { seq, command: received, again: false } => {
+                    command = Some((seq, received));
                 }
                 Received::Reply => reply = true,
                 _ => (),

@@ -34,7 +34,7 @@ pub struct Uploaded {
 }
 
 /// Uploads a checked policy, `bytes` being its blob and `origin` where it comes
-/// from, commits it, and waits at most `patience` until it runs. A policy that
+/// from, commits it, and waits at most `timeout` until it runs. A policy that
 /// was committed before, and still waits for its apex, is waited for as long.
 ///
 /// Until the commit the policy that runs is untouched, whatever happens.
@@ -46,12 +46,12 @@ pub fn upload(
     policy: &Policy<'_>,
     bytes: &[u8],
     origin: &str,
-    patience: Duration,
+    timeout: Duration,
     mut progress: impl FnMut(Progress),
 ) -> Result<Uploaded, ClientError> {
     let crc32 = policy.crc32();
-    let took = transfer(client, policy, bytes, origin, patience, &mut progress)?;
-    let (slot, swapped_after) = wait_for_swap(client, patience, |slots| newest(slots, crc32))?;
+    let took = transfer(client, policy, bytes, origin, timeout, &mut progress)?;
+    let (slot, swapped_after) = wait_for_swap(client, timeout, |slots| newest(slots, crc32))?;
     Ok(Uploaded { slot, took, swapped_after })
 }
 
@@ -64,7 +64,7 @@ pub fn transfer(
     policy: &Policy<'_>,
     bytes: &[u8],
     origin: &str,
-    patience: Duration,
+    timeout: Duration,
     mut progress: impl FnMut(Progress),
 ) -> Result<Duration, ClientError> {
     let begun = Instant::now();
@@ -72,7 +72,7 @@ pub fn transfer(
     let begin = Request::Begin { length: bytes.len() as u32, crc32, origin: cut_origin(origin) };
     loop {
         match client.have_done(&begin) {
-            Err(ClientError::Refused(RequestError::SwapPending)) if begun.elapsed() < patience => {
+            Err(ClientError::Refused(RequestError::SwapPending)) if begun.elapsed() < timeout => {
                 std::thread::sleep(LOOK);
             }
             begun => break begun?,
@@ -92,19 +92,19 @@ pub fn transfer(
 }
 
 /// Has the controller go back to the policy in the other slot, and waits at
-/// most `patience` until it runs. Returns its slot, and how long that took, if
+/// most `timeout` until it runs. Returns its slot, and how long that took, if
 /// it is done.
 ///
 /// # Errors
 /// [`ClientError`].
 pub fn roll_back(
     client: &mut Client,
-    patience: Duration,
+    timeout: Duration,
 ) -> Result<(Slot, Option<Duration>), ClientError> {
     let running = client.slots()?.iter().position(|slot| slot.running);
     let back = running.map_or(Slot::A, |at| Slot::ALL[at].other());
     client.have_done(&Request::RollBack)?;
-    wait_for_swap(client, patience, |_| Some(back))
+    wait_for_swap(client, timeout, |_| Some(back))
 }
 
 /// Returns the end of an origin, as much as fits a message.
@@ -122,7 +122,7 @@ fn newest(slots: &[SlotReport<'_>; 2], crc32: u32) -> Option<Slot> {
 
 fn wait_for_swap(
     client: &mut Client,
-    patience: Duration,
+    timeout: Duration,
     which: impl Fn(&[SlotReport<'_>; 2]) -> Option<Slot>,
 ) -> Result<(Slot, Option<Duration>), ClientError> {
     let committed = Instant::now();
@@ -133,7 +133,7 @@ fn wait_for_swap(
         if slots[slot as usize].running {
             return Ok((slot, Some(committed.elapsed())));
         }
-        if committed.elapsed() >= patience {
+        if committed.elapsed() >= timeout {
             return Ok((slot, None));
         }
         std::thread::sleep(LOOK);

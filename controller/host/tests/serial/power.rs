@@ -122,7 +122,7 @@ fn power_cut_between_any_two_operations_of_an_upload_leaves_a_policy_to_run() {
             let uploaded = rig.upload(&new);
             let runs = if uploaded.is_ok() { "third" } else { "second" };
             assert_eq!(rig.name(), runs);
-            // The last word may be there although nobody heard so: either is whole.
+            // The last word may be written although no answer came: either slot is whole.
             assert_eq!(rig.power_cycled().name(), runs, "after {operations} operations");
             match uploaded {
                 Ok(()) => {

@@ -1,4 +1,4 @@
-//! The specification says what the code does.
+//! The specification agrees with the code.
 
 use leg_control::checksum::crc32;
 use leg_control::serial::PROTOCOL_VERSION;

@@ -115,7 +115,7 @@ fn in_process(
         let of_loop =
             loop_options(&args.real_time, scenario.rate_hz, LatestReport::default(), recording);
         let played = real_time::run(scenario, &mut link, options, &of_loop, stop, || (), recording);
-        // If the run ended early, this tells the controller that its leg has left.
+        // If the run ended early, the controller sees by this that its leg has left.
         drop(link);
         (played, serving.join().expect("the controller's loop does not panic"))
     });

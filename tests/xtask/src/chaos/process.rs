@@ -156,7 +156,7 @@ impl Process {
     }
 
     /// Injects a failure. A process that ends has ended on return. One that is killed while
-    /// it ends is killed so long `after` it was told to end.
+    /// it ends is killed so long `after` SIGTERM.
     pub(super) fn inject(&mut self, kind: Kind, after: Duration) -> Result<()> {
         match kind {
             Kind::Stop => return self.signal(Signal::STOP),

@@ -182,7 +182,7 @@ pub(crate) fn rows(all: &[SourceResult]) -> String {
     let mut csv = String::new();
     for result in all {
         // Scripts read these names.
-        let how = if result.measured { "told" } else { "estimated" };
+        let how = if result.measured { "measured" } else { "estimated" };
         let SourceResult { rho, error_m_s, amplitude_m_s, .. } = result;
         let _ = writeln!(
             csv,
