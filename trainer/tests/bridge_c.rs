@@ -27,11 +27,35 @@ int main(void)
 }
 ";
 
+/// What a warning in any of them would end.
+const WARNINGS: [&str; 4] = ["-Wall", "-Wextra", "-Werror", "-pedantic"];
+
 fn gcc(folder: &Path, arguments: &[&str]) {
-    let strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"];
-    let output =
-        Command::new("gcc").args(strict).args(arguments).current_dir(folder).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    compile("gcc", folder, &["-std=c99"], arguments);
+}
+
+fn compile(compiler: &str, folder: &Path, options: &[&str], arguments: &[&str]) {
+    let output = Command::new(compiler)
+        .args(options)
+        .args(WARNINGS)
+        .args(arguments)
+        .current_dir(folder)
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{options:?}: {}", String::from_utf8_lossy(&output.stderr));
+}
+
+/// Returns options under which compilers fuse products and sums, on a CPU that can.
+fn fusing() -> Vec<Vec<&'static str>> {
+    let mut all = vec![vec!["-O2"], vec!["-O0"]];
+    #[cfg(target_arch = "x86_64")]
+    if std::arch::is_x86_feature_detected!("fma") {
+        all.push(vec!["-O2", "-mfma"]);
+        all.push(vec!["-O3", "-march=native", "-ffp-contract=fast"]);
+        all.push(vec!["-Os", "-mfma", "-flto"]);
+        all.push(vec!["-O2", "-mfma", "-DLEG_NO_ASM"]);
+    }
+    all
 }
 
 /// Draws observations within the trained range and far outside: huge, tiny, subnormal, zeros of
@@ -61,24 +85,23 @@ fn observations(rng: &mut Pcg64, count: usize) -> Vec<[f32; 3]> {
     (0..count).map(|_| [one(-11.0, 11.0), one(1.0, 12.5), one(0.0, 1.0)]).collect()
 }
 
-fn agree(policy: &Policy<'_>, count: usize, optimisation: &str) {
+/// Compiles the actor with a driver and checks its actions for these observations.
+fn agree(policy: &Policy<'_>, observations: &[[f32; 3]], compiler: &str, options: &[&str]) {
     let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("leg_actor.c"), c::export(policy, &[])).unwrap();
+    std::fs::write(folder.path().join("leg_actor.c"), c::export(policy, &[], c::PREFIX)).unwrap();
     std::fs::write(folder.path().join("driver.c"), DRIVER).unwrap();
-    gcc(folder.path(), &[optimisation, "leg_actor.c", "driver.c", "-o", "driver"]);
-    let observations = observations(&mut Pcg64::seed_from_u64(11), count);
-    std::fs::write(folder.path().join("in"), bytemuck::cast_slice::<_, u8>(&observations)).unwrap();
+    compile(compiler, folder.path(), options, &["leg_actor.c", "driver.c", "-o", "driver"]);
+    std::fs::write(folder.path().join("in"), bytemuck::cast_slice::<_, u8>(observations)).unwrap();
     let output = Command::new(folder.path().join("driver"))
         .stdin(std::fs::File::open(folder.path().join("in")).unwrap())
         .output()
         .unwrap();
     assert!(output.status.success());
     let (actions, _) = output.stdout.as_chunks::<8>();
-    assert_eq!(actions.len(), count);
+    assert_eq!(actions.len(), observations.len());
     for (observation, action) in observations.iter().zip(actions) {
-        let [vx, y, rho] = *observation;
-        let own = act(policy.actor(), [vx, y, rho]).map(f32::to_le_bytes);
-        assert_eq!(*action, *own.as_flattened(), "{observation:?}");
+        let own = act(policy.actor(), *observation).map(f32::to_le_bytes);
+        assert_eq!(*action, *own.as_flattened(), "{options:?}: {observation:?}");
     }
 }
 
@@ -93,8 +116,107 @@ fn the_exported_c_computes_the_controllers_bits() {
         return;
     }
     let policy = Policy::parse(SHIPPED).unwrap();
-    agree(&policy, 200_000, "-O2");
-    agree(&policy, 20_000, "-O0");
+    let observations = observations(&mut Pcg64::seed_from_u64(11), 200_000);
+    agree(&policy, &observations, "gcc", &["-std=c99", "-O2"]);
+}
+
+#[test]
+fn no_dialect_or_option_of_gcc_changes_a_bit() {
+    if !requirements::gcc() {
+        return;
+    }
+    let policy = Policy::parse(SHIPPED).unwrap();
+    let observations = observations(&mut Pcg64::seed_from_u64(12), 20_000);
+    for options in fusing() {
+        agree(&policy, &observations, "gcc", &options);
+    }
+}
+
+#[test]
+fn no_option_of_clang_changes_a_bit() {
+    if !requirements::clang() {
+        return;
+    }
+    let policy = Policy::parse(SHIPPED).unwrap();
+    let observations = observations(&mut Pcg64::seed_from_u64(13), 20_000);
+    // Clang states none of the parts of -ffast-math but -ffinite-math-only.
+    let parts = ["-O3", "-funsafe-math-optimizations", "-ffp-contract=fast"];
+    for mut options in fusing().into_iter().chain([parts.to_vec()]) {
+        options.retain(|o| *o != "-flto");
+        agree(&policy, &observations, "clang", &options);
+    }
+}
+
+#[test]
+fn options_that_change_operations_are_refused_where_gcc_states_them() {
+    if !requirements::gcc() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let policy = Policy::parse(SHIPPED).unwrap();
+    std::fs::write(folder.path().join("a.c"), c::export(&policy, &[], c::PREFIX)).unwrap();
+    let compiled = |options: &[&str]| {
+        let mut gcc = Command::new("gcc");
+        let output = gcc.args(options).args(["-c", "a.c"]).current_dir(folder.path()).output();
+        let error = String::from_utf8(output.unwrap().stderr).unwrap();
+        (!error.contains("#error"), error)
+    };
+    for option in ["-ffast-math", "-Ofast", "-ffinite-math-only"] {
+        let (passed, error) = compiled(&[option]);
+        assert!(!passed && error.contains("compile without -ff"), "{option}: {error}");
+    }
+    // Half precision that is computed as such leaves float as it is.
+    let (passed, error) = compiled(&["-Wno-builtin-macro-redefined", "-D__FLT_EVAL_METHOD__=16"]);
+    assert!(passed, "{error}");
+    for method in ["1", "2", "-1", "32"] {
+        let method = format!("-D__FLT_EVAL_METHOD__={method}");
+        let (passed, _) = compiled(&["-Wno-builtin-macro-redefined", &method]);
+        assert!(!passed, "{method}");
+    }
+}
+
+/// Two actors in one program, called from C++.
+const TWO: &str = r#"
+extern "C" void left_actor(const float observation[3], float action[2]);
+extern "C" void right_actor(const float observation[3], float action[2]);
+int main()
+{
+    const float observation[3] = { 0.5f, 2.0f, 0.3f };
+    float left[2], right[2];
+    left_actor(observation, left);
+    right_actor(observation, right);
+    return left[0] == right[0] && left[1] == right[1] ? 0 : 1;
+}
+"#;
+
+#[test]
+fn two_exports_are_linked_into_one_program_of_cpp() {
+    if !requirements::gxx() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let run = |line: &str| {
+        let mut trainer = Command::new(env!("CARGO_BIN_EXE_trainer"));
+        trainer.args(line.split(' ')).current_dir(folder.path()).output().unwrap()
+    };
+    for side in ["left", "right"] {
+        let output = run(&format!("export --to c --prefix {side} {side}.c"));
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    }
+    std::fs::write(folder.path().join("two.cpp"), TWO).unwrap();
+    gcc(folder.path(), &["-c", "left.c"]);
+    // As C++, too.
+    compile("g++", folder.path(), &["-std=c++17"], &["-c", "-x", "c++", "right.c"]);
+    compile("g++", folder.path(), &[], &["two.cpp", "left.o", "right.o", "-o", "two"]);
+    assert!(Command::new(folder.path().join("two")).status().unwrap().success());
+    for prefix in ["", "2leg", "Leg", "left_leg_of_it", "a__b", "a-b"] {
+        let output = run(&format!("export --to c --prefix={prefix} x.c"));
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{error}");
+        assert!(error.contains(&format!("--prefix: '{prefix}': a prefix is")), "{error}");
+    }
+    let output = run("export --to onnx --prefix a x.onnx");
+    assert!(String::from_utf8_lossy(&output.stderr).contains("for --to c only"));
 }
 
 /// Uses one layer that passes an observation's numbers to tanh, so that every branch of tanh is
@@ -115,25 +237,12 @@ fn the_exported_tanh_equals_libms_on_every_branch() {
     let blob =
         blob_with_manifest(&ModelCard::from(&policy).manifest(&packed), &packed.weights).unwrap();
     let policy = Policy::parse(blob.as_slice()).unwrap();
-    agree(&policy, 50_000, "-O2");
+    let strict = ["-std=c99", "-O2"];
+    agree(&policy, &observations(&mut Pcg64::seed_from_u64(11), 50_000), "gcc", &strict);
     // Covers every exponent from subnormal to infinite, with 4,000 fractions each.
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("leg_actor.c"), c::export(&policy, &[])).unwrap();
-    std::fs::write(folder.path().join("driver.c"), DRIVER).unwrap();
-    gcc(folder.path(), &["-O2", "leg_actor.c", "driver.c", "-o", "driver"]);
     let observations: Vec<[f32; 3]> =
         (0..u32::MAX).step_by(2087).map(f32::from_bits).map(|x| [x, -x, 0.0]).collect();
-    std::fs::write(folder.path().join("in"), bytemuck::cast_slice::<_, u8>(&observations)).unwrap();
-    let output = Command::new(folder.path().join("driver"))
-        .stdin(std::fs::File::open(folder.path().join("in")).unwrap())
-        .output()
-        .unwrap();
-    let (actions, _) = output.stdout.as_chunks::<8>();
-    assert_eq!(actions.len(), observations.len());
-    for (observation, action) in observations.iter().zip(actions) {
-        let own = act(policy.actor(), *observation).map(f32::to_le_bytes);
-        assert_eq!(*action, *own.as_flattened(), "{observation:?}");
-    }
+    agree(&policy, &observations, "gcc", &strict);
 }
 
 #[test]

@@ -31,6 +31,14 @@ pub enum Requirement {
     Qemu,
     /// The C compiler `gcc`.
     Gcc,
+    /// The C++ compiler `g++`.
+    Gxx,
+    /// The C compiler `clang`.
+    Clang,
+    /// The C compiler for Cortex-M, `arm-none-eabi-gcc`.
+    ArmGcc,
+    /// A Python with its standard library, `python3`.
+    Python3,
     /// A Python with the packages of `trainer/bridges/requirements.txt`, named by `LEG_PYTHON`.
     Python,
     /// The folder with the authors' published data (doi 10.5281/zenodo.4607469).
@@ -49,9 +57,13 @@ pub enum Requirement {
 
 impl Requirement {
     /// Every requirement there is.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 13] = [
         Self::Qemu,
         Self::Gcc,
+        Self::Gxx,
+        Self::Clang,
+        Self::ArmGcc,
+        Self::Python3,
         Self::Python,
         Self::Reference,
         Self::Chromium,
@@ -67,6 +79,10 @@ impl Requirement {
         match self {
             Self::Qemu => "qemu",
             Self::Gcc => "gcc",
+            Self::Gxx => "g++",
+            Self::Clang => "clang",
+            Self::ArmGcc => "arm-gcc",
+            Self::Python3 => "python3",
             Self::Python => "python",
             Self::Reference => "reference",
             Self::Chromium => "chromium",
@@ -148,6 +164,30 @@ pub fn qemu() -> bool {
 #[must_use]
 pub fn gcc() -> bool {
     program(Requirement::Gcc, "gcc")
+}
+
+/// Returns whether the C++ compiler is installed.
+#[must_use]
+pub fn gxx() -> bool {
+    program(Requirement::Gxx, "g++")
+}
+
+/// Returns whether the C compiler Clang is installed.
+#[must_use]
+pub fn clang() -> bool {
+    program(Requirement::Clang, "clang")
+}
+
+/// Returns whether the C compiler for Cortex-M is installed.
+#[must_use]
+pub fn arm_gcc() -> bool {
+    program(Requirement::ArmGcc, "arm-none-eabi-gcc")
+}
+
+/// Returns whether a Python is installed; its standard library is enough.
+#[must_use]
+pub fn python3() -> bool {
+    program(Requirement::Python3, "python3")
 }
 
 /// Returns whether the program `script` is installed.

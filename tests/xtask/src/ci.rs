@@ -21,7 +21,14 @@ const FIRMWARE: &str = "controller/firmware";
 const PACKAGES: &str = "package -p leg-kernel-m4f -p leg-control -p leg-plant";
 
 /// Requirements that `cargo xtask setup` installs.
-const INSTALLED: [Requirement; 3] = [Requirement::Qemu, Requirement::Gcc, Requirement::Chromium];
+const INSTALLED: [Requirement; 6] = [
+    Requirement::Qemu,
+    Requirement::Gcc,
+    Requirement::Gxx,
+    Requirement::ArmGcc,
+    Requirement::Python3,
+    Requirement::Chromium,
+];
 
 fn checks() -> Vec<Step> {
     let cargo = |name, args| Step::new(name, "cargo", args);

@@ -20,9 +20,13 @@ const EMULATION: [Program; 2] = [
     Program { names: &["arm-none-eabi-objdump"], package: "binutils-arm-none-eabi" },
 ];
 
-/// The C compiler for the exported policies, and the browser that lays out the report.
-const TESTS: [Program; 2] = [
+/// The compilers for the exported policies, the Python for the bridge to it, and the browser
+/// that lays out the report.
+const TESTS: [Program; 5] = [
     Program { names: &["gcc"], package: "gcc" },
+    Program { names: &["g++"], package: "g++" },
+    Program { names: &["arm-none-eabi-gcc"], package: "gcc-arm-none-eabi" },
+    Program { names: &["python3"], package: "python3" },
     Program { names: &requirements::CHROMIUM_NAMES, package: "chromium" },
 ];
 

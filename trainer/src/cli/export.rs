@@ -4,6 +4,7 @@ use super::inspect::test_vectors;
 use super::output::{Target, print};
 use super::{Failure, failed, input};
 use crate::bridge::{c, onnx, safetensors};
+use anyhow::anyhow;
 use clap::{Args, ValueEnum};
 use leg_process::policy_file::PolicyFile;
 use std::path::PathBuf;
@@ -15,7 +16,8 @@ safetensors  the layers with the names and shapes of a PyTorch nn.Sequential: 0.
 onnx         a graph from observation, float (batch, 3), to action, float (batch, 2), with
              scalings and clip; opset 13; the same JSON in its metadata_props
 c            one C99 file with void leg_actor(const float observation[3], float
-             action[2]), which needs no libc and computes the controller's bits
+             action[2]), which needs no libc and computes the controller's bits;
+             --prefix names several that are linked into one program
 
 The observation is vx (m/s), y (m) and density ratio rho; the action is the touchdown
 angle alpha (rad) and the elongation speed rs (m/s). The same policy gives the same
@@ -30,6 +32,9 @@ pub(super) struct Arguments {
     /// Format of the file
     #[arg(long, value_enum)]
     to: Format,
+    /// What every name in a C file begins with [default: leg]
+    #[arg(long)]
+    prefix: Option<String>,
     /// File to write
     file: PathBuf,
 }
@@ -42,6 +47,14 @@ enum Format {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let prefix = match (arguments.to, arguments.prefix.as_deref()) {
+        (_, None) => c::PREFIX,
+        (Format::C, Some(text)) => {
+            let wrong = |why| input(anyhow!("--prefix: '{text}': {why}"));
+            c::Prefix::new(text).map_err(wrong)?
+        }
+        (_, Some(_)) => return Err(input(anyhow!("--prefix is for --to c only; leave it out"))),
+    };
     let bytes = PolicyFile::load(arguments.policy.as_deref()).map_err(input)?;
     let policy = bytes.policy().map_err(input)?;
     let content = match arguments.to {
@@ -49,7 +62,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         Format::Onnx => onnx::export(&policy),
         Format::C => {
             let vectors = test_vectors(bytes.as_slice()).map_err(failed)?;
-            c::export(&policy, &vectors).into_bytes()
+            c::export(&policy, &vectors, prefix).into_bytes()
         }
     };
     Target { path: &arguments.file, option: "FILE" }.write(&content)?;

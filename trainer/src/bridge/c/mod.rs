@@ -16,15 +16,50 @@ static void leg_relu(float *x, int count)
 {
     int i;
 
+    /* By bits: -0, everything below and NaN give +0. */
     for (i = 0; i < count; i++)
-        x[i] = x[i] > 0.0f ? x[i] : 0.0f;
+        if (leg_to_bits(x[i]) - 1u >= 0x7f800000u)
+            x[i] = 0.0f;
 }
 
 ";
 
+/// What the names in the file begin with by default.
+pub const PREFIX: Prefix<'static> = Prefix("leg");
+/// Longest prefix, bytes: C99 tells names apart by their first 31 characters, and the longest
+/// suffix is `_observation_offset`.
+const MOST_PREFIX_BYTES: usize = 12;
+
+/// What all names in the file begin with: `leg` gives the function `leg_actor`. Files with
+/// different prefixes can be linked into one program.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Prefix<'a>(&'a str);
+
+impl<'a> Prefix<'a> {
+    /// Checks a prefix: lower-case letters and digits, and underscores within, at most 12.
+    ///
+    /// # Errors
+    /// Returns what a prefix must be.
+    pub fn new(text: &'a str) -> Result<Self, String> {
+        let fine = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
+        let begins = text.starts_with(|c: char| c.is_ascii_lowercase());
+        if text.len() <= MOST_PREFIX_BYTES
+            && begins
+            && text.chars().all(fine)
+            && !text.contains("__")
+        {
+            return Ok(Self(text));
+        }
+        Err(format!(
+            "a prefix is a lower-case letter, then lower-case letters, digits and single \
+             underscores, at most {MOST_PREFIX_BYTES} in all"
+        ))
+    }
+}
+
 /// Writes a policy's actor as C source, with its test vectors as a self-test.
 #[must_use]
-pub fn export(policy: &Policy<'_>, vectors: &[TestVector]) -> String {
+pub fn export(policy: &Policy<'_>, vectors: &[TestVector], prefix: Prefix<'_>) -> String {
     let packed = PackedActor::from(policy);
     let layers = packed.layers();
     let (o, a) = (&packed.observation, &packed.action);
@@ -49,13 +84,17 @@ pub fn export(policy: &Policy<'_>, vectors: &[TestVector]) -> String {
         }
         std::mem::swap(&mut from, &mut to);
     }
-    TEMPLATE
-        .replace("@ABOUT@", &about(policy))
+    let source = TEMPLATE
         .replace("@TABLES@", tables.trim_end())
         .replace("@RELU@", if layers.len() > 1 { RELU } else { "" })
         .replace("@LAYERS@", calls.trim_end())
         .replace("@OUTPUT@", from)
-        .replace("@VECTORS@", &self_test(vectors))
+        .replace("@VECTORS@", &self_test(vectors));
+    // The policy's own name comes last, so that it stays as it is.
+    source
+        .replace("leg_", &format!("{}_", prefix.0))
+        .replace("LEG_", &format!("{}_", prefix.0.to_ascii_uppercase()))
+        .replace("@ABOUT@", &about(policy))
 }
 
 /// Returns the lines of the comment that describes the policy.
