@@ -55,6 +55,39 @@ pub enum ImportError {
         /// Rows of layers, each as a list of names.
         candidates: Vec<String>,
     },
+    /// Tensors beside the layers could change the actions.
+    #[error("{tensors}: beside the layers {layers}, and the policy would leave it out: {kind}")]
+    Unused {
+        /// Names and shapes of the tensors.
+        tensors: String,
+        /// Layers of the actor, in order.
+        layers: String,
+        /// What the tensors may be.
+        kind: &'static str,
+    },
+    /// The actions have a fixed standard deviation, so their mean may not end in tanh.
+    #[error(
+        "{tensor:?}: a standard deviation beside the layers, as in actors of PPO, whose mean is \
+         not squashed by tanh; the controller's actor ends in tanh"
+    )]
+    Gaussian {
+        /// Name of the tensor.
+        tensor: String,
+    },
+    /// The first output of a graph is not an action, another one is.
+    #[error("{reason}; {other:?} could be read, if it is the action")]
+    OtherOutput {
+        /// Why the first output cannot be read.
+        reason: String,
+        /// Name of another output.
+        other: String,
+    },
+    /// More than one output of a graph is an action.
+    #[error("{} outputs are actions, expected one: {}", names.len(), names.join(", "))]
+    Outputs {
+        /// Names of the outputs.
+        names: Vec<String>,
+    },
     /// The graph is not that of an actor.
     #[error("{0}")]
     Graph(String),

@@ -19,12 +19,49 @@ pub struct ImportedActor {
     pub observation: Option<ObservationScaling>,
     /// Maps the tanh of the outputs to an action: scale, then offset; rad, m/s.
     pub action: Option<Pairs>,
-    /// Lowest and highest action; rad, m/s.
-    pub bounds: Option<Pairs>,
+    /// Lowest action; rad, m/s.
+    pub low: Option<[f32; 2]>,
+    /// Highest action; rad, m/s.
+    pub high: Option<[f32; 2]>,
     /// Model card, in files of this trainer's own exports.
     pub card: Option<ModelCard>,
+    /// What was taken from the file, and what was not.
+    pub taken: Vec<String>,
     /// Assumptions about what the file format cannot state.
-    pub assumed: Vec<String>,
+    pub assumed: Vec<Assumption>,
+}
+
+/// What was taken for a value that neither the file nor the user gave.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Assumption {
+    /// What it is about.
+    pub about: Subject,
+    /// What was taken, in words.
+    pub text: String,
+}
+
+impl Assumption {
+    /// Creates an assumption.
+    pub fn new(about: Subject, text: impl Into<String>) -> Self {
+        Self { about, text: text.into() }
+    }
+}
+
+/// What an assumption can be about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Subject {
+    /// The activation between the layers.
+    HiddenActivation,
+    /// The activation after the last layer.
+    OutputActivation,
+    /// The scaling of the observation.
+    Observation,
+    /// The lowest and the highest action.
+    ActionBounds,
+    /// The scaling of the tanh.
+    ActionScaling,
+    /// The output of a graph that is the action.
+    Output,
 }
 
 /// Values that the user gives for files that do not state them.
@@ -51,8 +88,10 @@ pub struct CompleteActor {
     pub actor: PackedActor,
     /// Model card, if it was written for exactly this actor.
     pub card: Option<ModelCard>,
+    /// What was taken from the file, and what was not.
+    pub taken: Vec<String>,
     /// Assumptions about values that neither the file nor the user gave.
-    pub assumed: Vec<String>,
+    pub assumed: Vec<Assumption>,
 }
 
 impl ImportedActor {
@@ -70,32 +109,52 @@ impl ImportedActor {
         refuse(self.observation.is_some() && observation_scale.is_some(), "observation scale")?;
         refuse(self.action.is_some() && action_offset.is_some(), "action offset")?;
         refuse(self.action.is_some() && action_scale.is_some(), "action scale")?;
-        refuse(self.bounds.is_some() && action_low.is_some(), "action low")?;
-        refuse(self.bounds.is_some() && action_high.is_some(), "action high")?;
+        refuse(self.low.is_some() && action_low.is_some(), "action low")?;
+        refuse(self.high.is_some() && action_high.is_some(), "action high")?;
 
         let mut assumed = self.assumed;
+        let mut assume = |about, text: String| assumed.push(Assumption::new(about, text));
         let identity = ObservationScaling::IDENTITY;
         let observation = self.observation.unwrap_or(ObservationScaling {
             offset: observation_offset.unwrap_or(identity.offset),
             scale: observation_scale.unwrap_or(identity.scale),
         });
-        if self.observation.is_none() && observation == identity {
-            assumed.push("observations as they are".into());
+        if self.observation.is_none() {
+            let text = match (observation_offset, observation_scale) {
+                (None, None) => Some("observations as they are"),
+                (None, Some(_)) => Some("no observation offset"),
+                (Some(_), None) => Some("no observation scale"),
+                (Some(_), Some(_)) => None,
+            };
+            text.into_iter().for_each(|text| assume(Subject::Observation, text.into()));
         }
-        let [low, high] = self
-            .bounds
-            .unwrap_or([action_low.unwrap_or(ACTION_LOW), action_high.unwrap_or(ACTION_HIGH)]);
-        if self.bounds.is_none() && (action_low.is_none() || action_high.is_none()) {
-            let [a, r] = [0, 1].map(|i| format!("{:.4} to {:.4}", low[i], high[i]));
-            assumed.push(format!("actions from {a} rad and from {r} m/s"));
-        }
+        let [low, high] = [self.low.or(action_low), self.high.or(action_high)];
+        let text = match (low, high) {
+            (None, None) => {
+                let [a, r] =
+                    [0, 1].map(|i| format!("{:.4} to {:.4}", ACTION_LOW[i], ACTION_HIGH[i]));
+                Some(format!("actions from {a} rad and from {r} m/s"))
+            }
+            (None, _) => Some(leg_bound("lowest", ACTION_LOW)),
+            (_, None) => Some(leg_bound("highest", ACTION_HIGH)),
+            _ => None,
+        };
+        text.into_iter().for_each(|text| assume(Subject::ActionBounds, text));
+        let [low, high] = [low.unwrap_or(ACTION_LOW), high.unwrap_or(ACTION_HIGH)];
         let half = |i: usize| 0.5 * (high[i] - low[i]);
         let [scale, offset] = self.action.unwrap_or([
             action_scale.unwrap_or([0, 1].map(half)),
             action_offset.unwrap_or([0, 1].map(|i| low[i] + half(i))),
         ]);
-        if self.action.is_none() && (action_scale.is_none() || action_offset.is_none()) {
-            assumed.push("tanh from -1 to 1 spread over the actions".into());
+        if self.action.is_none() {
+            let of = |x: [f32; 2]| format!("{:.4} rad and {:.4} m/s", x[0], x[1]);
+            let text = match (action_scale, action_offset) {
+                (None, None) => Some("tanh from -1 to 1 spread over the actions".into()),
+                (None, _) => Some(format!("action scale {}, half the range", of(scale))),
+                (_, None) => Some(format!("action offset {}, mid-range", of(offset))),
+                _ => None,
+            };
+            text.into_iter().for_each(|text| assume(Subject::ActionScaling, text));
         }
         finite("observation offset", &observation.offset)?;
         finite("observation scale", &observation.scale)?;
@@ -114,8 +173,13 @@ impl ImportedActor {
         let action = ActionScaling { scale, offset, low, high };
         let actor = PackedActor::new(&self.layers, observation, action)?;
         let card = self.card.filter(|card| card.policy(&actor).is_some());
-        Ok(CompleteActor { actor, card, assumed })
+        Ok(CompleteActor { actor, card, taken: self.taken, assumed })
     }
+}
+
+/// Describes a bound that is the leg's own.
+fn leg_bound(which: &str, bound: [f32; 2]) -> String {
+    format!("{which} action {:.4} rad and {:.4} m/s, the leg's own", bound[0], bound[1])
 }
 
 /// Refuses a value that is given although the file states it.

@@ -10,7 +10,9 @@
 //! ```
 //!
 //! Weights are row by output. Test vectors are optional; the imported actor must reproduce
-//! their actions within 1e-5.
+//! their actions within 1e-5. Lists `observation` and `action` may name inputs and outputs, in
+//! this order: `apex_vx_m_s`, `apex_y_m`, `density_ratio`; `touchdown_angle_rad`,
+//! `elongation_speed_m_s`. Any other key is an error.
 
 use super::ImportError;
 use super::imported::ImportedActor;
@@ -23,6 +25,23 @@ use serde_json::Value;
 const TOLERANCE: f64 = 1e-5;
 /// The only output stage of this layout.
 const OUTPUT: &str = "clip(output_scale*tanh(z), low, high)";
+
+/// The keys of the layout.
+const KEYS: [&str; 9] = [
+    "observation",
+    "action",
+    "hidden_activation",
+    "output",
+    "output_scale",
+    "low",
+    "high",
+    "layers",
+    "test_vectors",
+];
+/// The names of the inputs, where a file gives them.
+const OBSERVATION: [&str; 3] = ["apex_vx_m_s", "apex_y_m", "density_ratio"];
+/// The names of the outputs, where a file gives them.
+const ACTION: [&str; 2] = ["touchdown_angle_rad", "elongation_speed_m_s"];
 
 /// A value and its path.
 struct At<'a> {
@@ -46,6 +65,29 @@ impl At<'_> {
         Self {
             key: format!("{}{dot}{name}", self.key),
             value: self.value.and_then(|v| v.get(name)),
+        }
+    }
+
+    /// Refuses an object with a key that is none of these.
+    fn only(&self, keys: &[&str]) -> Result<(), ImportError> {
+        let Some(object) = self.value.and_then(Value::as_object) else {
+            return Err(self.error("an object"));
+        };
+        match object.keys().find(|key| !keys.contains(&key.as_str())) {
+            None => Ok(()),
+            Some(key) => {
+                let key = self.field(key).key.escape_debug().to_string();
+                Err(ImportError::value(key, "an unknown key", format!("only {}", keys.join(", "))))
+            }
+        }
+    }
+
+    /// Refuses a list of names other than these, where there is one.
+    fn names(&self, wanted: &[&str]) -> Result<(), ImportError> {
+        match self.value {
+            None => Ok(()),
+            Some(Value::Array(names)) if names.iter().eq(wanted.iter()) => Ok(()),
+            Some(_) => Err(self.error(format!("the list {wanted:?}, in this order"))),
         }
     }
 
@@ -84,6 +126,7 @@ impl At<'_> {
     }
 
     fn layer(&self, inputs: usize) -> Result<Layer, ImportError> {
+        self.only(&["weights", "bias"])?;
         let rows = self.field("weights").list()?;
         let mut weights = Vec::new();
         for row in &rows {
@@ -109,7 +152,8 @@ pub fn import(bytes: &[u8]) -> Result<ImportedActor, ImportError> {
         layers: packed.layers(),
         observation: Some(packed.observation),
         action: Some([scale, offset]),
-        bounds: Some([low, high]),
+        low: Some(low),
+        high: Some(high),
         ..ImportedActor::default()
     })
 }
@@ -121,6 +165,9 @@ pub fn import(bytes: &[u8]) -> Result<ImportedActor, ImportError> {
 pub fn from_json(text: &str) -> Result<PackedActor, ImportError> {
     let value: Value = serde_json::from_str(text)?;
     let root = At { key: String::new(), value: Some(&value) };
+    root.only(&KEYS)?;
+    root.field("observation").names(&OBSERVATION)?;
+    root.field("action").names(&ACTION)?;
     root.field("hidden_activation").text("relu")?;
     root.field("output").text(OUTPUT)?;
     let scale = root.field("output_scale").number()? as f32;
@@ -147,6 +194,7 @@ pub fn from_json(text: &str) -> Result<PackedActor, ImportError> {
     if vectors.value.is_some() {
         let actor = packed.actor();
         for (index, vector) in vectors.list()?.iter().enumerate() {
+            vector.only(&["observation", "action"])?;
             let [vx, y, rho] = vector.field("observation").array::<3>()?.map(|x| x as f32);
             let expected: [f64; 2] = vector.field("action").array()?;
             let action =
@@ -220,6 +268,21 @@ mod tests {
         assert!(
             refused(&|v| v["test_vectors"][0]["action"][0] = json!(0.5))
                 .starts_with("test_vectors[0].action: [0.5, ")
+        );
+        assert_eq!(
+            refused(&|v| v["layers"][0]["weigths"] = json!([])),
+            "layers[0].weigths: an unknown key, expected only weights, bias"
+        );
+        assert!(refused(&|v| v["obs_mean"] = json!([0, 1, 0])).starts_with("obs_mean: an unknown"));
+        assert!(
+            refused(&|v| v["test_vectors"][0]["y"] = json!(1)).starts_with("test_vectors[0].y: an")
+        );
+        assert!(
+            refused(&|v| v["observation"] = json!(["apex_y_m", "apex_vx_m_s", "density_ratio"]))
+                .starts_with("observation: a list of 3, expected the list [\"apex_vx_m_s\"")
+        );
+        assert!(
+            refused(&|v| v["layers"] = json!([1])).starts_with("layers[0]: 1, expected an obj")
         );
         assert!(refused(&|v| v["layers"] = json!([])).starts_with("layers: 0 layers"));
         assert!(from_json("{").unwrap_err().to_string().starts_with("not JSON"));

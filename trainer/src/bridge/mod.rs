@@ -2,7 +2,7 @@
 //!
 //! | format | export | import |
 //! |---|---|---|
-//! | safetensors | the layers of a PyTorch `nn.Sequential` | any row of linear layers |
+//! | safetensors | the layers of a PyTorch `nn.Sequential` | any row of linear layers; every other tensor is applied, refused or named |
 //! | ONNX | a graph from `observation` to `action` | graphs of one such network |
 //! | C99 | the actor as one source file, with the controller's bits | |
 //! | JSON | | the layout of the published actors |

@@ -1,6 +1,7 @@
 //! The command `trainer env`.
 
 use super::{Failure, failed, input};
+use crate::config::{Config, MediumDraw};
 use crate::environment::{Environment, Start};
 use crate::preset::Preset;
 use anyhow::anyhow;
@@ -17,9 +18,14 @@ VX is in m/s, Y in m, RHO the density ratio; ALPHA in rad and RS in m/s are clip
 the leg's range. ENDED is `no`, `fall` when the episode ended with a fall (no next
 apex, given as 0 0, or one below 1 m), or `time` after its largest number of steps.
 
+The answer to any other line, and to a step outside an episode, is `error` and the
+reason; it changes nothing. A line may begin with a number, which its answer then begins
+with, too. A line with the number of the one before is not carried out again: its answer
+is repeated, so that a program that was interrupted can ask again.
+
 Starts, densities and rewards are those of the preset's last stage. The same seed and
-actions give the same lines. The program ends with its input; the exit status is 2 after
-a line of another form. trainer/bridges/hopper_env.py makes a Gymnasium environment of it.";
+actions give the same lines. The program ends with its input; the exit status is 2 if
+there was an error. trainer/bridges/hopper_env.py makes a Gymnasium environment of it.";
 
 #[derive(Debug, Args)]
 #[command(after_help = PROTOCOL)]
@@ -34,50 +40,90 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let config = arguments.preset.config();
-    let medium = config.stages.last().map(|s| s.medium.clone()).expect("a preset has stages");
-    let mut rng = Pcg64::seed_from_u64(arguments.seed);
+    let mut server = Server::new(&config, arguments.seed);
     let mut output = std::io::stdout().lock();
-    let mut episode = 0;
-    let mut running: Option<(Environment<'_>, u32)> = None;
-    for (number, line) in (1..).zip(std::io::stdin().lock().lines()) {
+    let mut first_error = None;
+    let mut last: Option<(u64, String)> = None;
+    for (line_number, line) in (1..).zip(std::io::stdin().lock().split(b'\n')) {
         let line = line.map_err(failed)?;
-        let wrong = |what: &str| input(anyhow!("standard input, line {number}: {what}"));
-        let words: Vec<&str> = line.split_whitespace().collect();
-        let answer = match words[..] {
-            ["reset"] => {
-                let start = Start::draw(&config, &medium, episode, &mut rng);
-                let environment = Environment::new(&config, start);
-                episode += 1;
-                let answer = apex(&environment);
-                running = Some((environment, 0));
-                answer
-            }
-            ["step", alpha, rs] => {
-                let number = |text: &str| {
-                    let finite = text.parse().ok().filter(|x: &f64| x.is_finite());
-                    finite.ok_or_else(|| wrong(&format!("'{text}' is not a finite number")))
-                };
-                let action = [number(alpha)?, number(rs)?];
-                let (environment, steps) =
-                    running.as_mut().ok_or_else(|| wrong("no episode has begun; reset first"))?;
-                let outcome = environment.act(action);
-                *steps += 1;
-                let ended = match outcome.ended {
-                    true => "fall",
-                    false if *steps >= config.episode.max_steps => "time",
-                    false => "no",
-                };
-                let answer = format!("{} {} {ended}", apex(environment), outcome.reward);
-                if ended != "no" {
-                    running = None;
-                }
-                answer
-            }
-            _ => return Err(wrong(&format!("'{line}' is neither reset nor step ALPHA RS"))),
+        let line = String::from_utf8_lossy(&line);
+        let mut words: Vec<&str> = line.split_whitespace().collect();
+        let number = words.first().and_then(|word| word.parse::<u64>().ok());
+        if number.is_some() {
+            words.remove(0);
+        }
+        let answer = match (&last, number) {
+            (Some((before, answer)), Some(number)) if *before == number => answer.clone(),
+            _ => server.answer(&words).unwrap_or_else(|why| {
+                first_error.get_or_insert_with(|| format!("line {line_number}: {why}"));
+                format!("error {why}")
+            }),
         };
-        writeln!(output, "{answer}").and_then(|()| output.flush()).map_err(failed)?;
+        let prefix = number.map_or_else(String::new, |number| format!("{number} "));
+        let text = format!("{prefix}{answer}\n");
+        output.write_all(text.as_bytes()).and_then(|()| output.flush()).map_err(failed)?;
+        last = number.map(|number| (number, answer));
     }
-    Ok(())
+    match first_error {
+        None => Ok(()),
+        Some(error) => Err(input(anyhow!("standard input, {error}"))),
+    }
+}
+
+/// The environment behind the protocol.
+struct Server<'a> {
+    config: &'a Config,
+    medium: &'a MediumDraw,
+    rng: Pcg64,
+    episode: u64,
+    /// The episode that runs, and its steps until now.
+    running: Option<(Environment<'a>, u32)>,
+}
+
+impl<'a> Server<'a> {
+    fn new(config: &'a Config, seed: u64) -> Self {
+        let medium = config.stages.last().map(|s| &s.medium).expect("a preset has stages");
+        Self { config, medium, rng: Pcg64::seed_from_u64(seed), episode: 0, running: None }
+    }
+
+    /// Answers a request; an error changes nothing.
+    fn answer(&mut self, words: &[&str]) -> Result<String, String> {
+        match words[..] {
+            ["reset"] => {
+                let start = Start::draw(self.config, self.medium, self.episode, &mut self.rng);
+                let environment = Environment::new(self.config, start);
+                self.episode += 1;
+                let answer = apex(&environment);
+                self.running = Some((environment, 0));
+                Ok(answer)
+            }
+            ["step", alpha, rs] => self.step([number(alpha)?, number(rs)?]),
+            _ => Err(format!("'{}' is neither reset nor step ALPHA RS", words.join(" "))),
+        }
+    }
+
+    fn step(&mut self, action: [f64; 2]) -> Result<String, String> {
+        let Some((environment, steps)) = &mut self.running else {
+            return Err("no episode has begun; reset first".into());
+        };
+        let outcome = environment.act(action);
+        *steps += 1;
+        let ended = match outcome.ended {
+            true => "fall",
+            false if *steps >= self.config.episode.max_steps => "time",
+            false => "no",
+        };
+        let answer = format!("{} {} {ended}", apex(environment), outcome.reward);
+        if ended != "no" {
+            self.running = None;
+        }
+        Ok(answer)
+    }
+}
+
+fn number(text: &str) -> Result<f64, String> {
+    let finite = text.parse().ok().filter(|x: &f64| x.is_finite());
+    finite.ok_or_else(|| format!("'{text}' is not a finite number"))
 }
 
 fn apex(environment: &Environment<'_>) -> String {

@@ -1,9 +1,8 @@
 //! The command `trainer infer`.
 
 use super::output::Target;
-use super::{Failure, failed, input};
-use crate::lines::line_of;
-use anyhow::{Context, anyhow};
+use super::{Failure, columns, failed, input};
+use anyhow::Context;
 use clap::Args;
 use leg_control::actor::Observation;
 use leg_control::policy::Policy;
@@ -48,49 +47,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 fn infer(policy: &Policy<'_>, source: &[u8], from: &Path) -> Result<Vec<u8>, Failure> {
-    let name = from.display();
-    let mut reader = csv::ReaderBuilder::new().flexible(true).from_reader(source);
-    let headers = reader.headers().with_context(|| name.to_string()).map_err(input)?.clone();
-    let column = |wanted: &str| {
-        let mut found = (0..headers.len()).filter(|&i| headers[i].trim() == wanted);
-        match (found.next(), found.next()) {
-            (Some(column), None) => Ok(column),
-            (None, _) => Err(input(anyhow!(
-                "{name}: no column {wanted}; the first line must name vx, y and rho"
-            ))),
-            (Some(_), Some(_)) => Err(input(anyhow!(
-                "{name}: more than one column {wanted}; the first line must name vx, y and rho once each"
-            ))),
-        }
-    };
-    let columns = [("vx", column("vx")?), ("y", column("y")?), ("rho", column("rho")?)];
+    let rows = columns::read(source, &from.display().to_string(), ["vx", "y", "rho"])?;
     let mut writer = csv::Writer::from_writer(Vec::new());
     writer.write_record(["vx", "y", "rho", "alpha", "rs"]).map_err(failed)?;
-    let mut record = csv::StringRecord::new();
-    while reader.read_record(&mut record).with_context(|| name.to_string()).map_err(input)? {
-        let line = || line_of(source, record.position().map_or(0, csv::Position::byte));
-        let mut values = [0.0_f32; 3];
-        for (value, (header, column)) in values.iter_mut().zip(columns) {
-            let bad = |what: &str| {
-                let place = format!("{name}, line {}, column {header}", line());
-                input(anyhow!("{place}: {what} a finite number, of magnitude below 3.4e38"))
-            };
-            let text = record.get(column).unwrap_or_default().trim();
-            if text.is_empty() {
-                return Err(bad("the value is missing; give"));
-            }
-            let finite = text.parse().ok().filter(|x: &f32| x.is_finite());
-            *value = finite.ok_or_else(|| bad(&format!("'{text}' is not")))?;
-        }
-        if record.len() > headers.len() {
-            return Err(input(anyhow!(
-                "{name}, line {}: {} values, but the first line names {}; remove the rest",
-                line(),
-                record.len(),
-                headers.len()
-            )));
-        }
-        let [apex_vx_m_s, apex_y_m, density_ratio] = values;
+    for (_, [apex_vx_m_s, apex_y_m, density_ratio]) in rows {
         let action = policy.actor().act(Observation { apex_vx_m_s, apex_y_m, density_ratio });
         let row = [
             apex_vx_m_s,

@@ -2,6 +2,7 @@
 //! used.
 
 mod bench;
+mod columns;
 mod compare;
 mod config;
 mod env;

@@ -6,7 +6,8 @@ mod signal;
 mod tensor;
 #[cfg(test)]
 mod tests;
+mod walk;
 mod write;
 
-pub use read::import;
+pub use read::{OnnxOptions, import};
 pub use write::export;

@@ -7,6 +7,10 @@ use prost::Message;
 pub(super) const ATTRIBUTE_INT: i32 = 2;
 /// `TensorProto.DataType` of f32.
 pub(super) const FLOAT: i32 = 1;
+/// `TensorProto.DataType` of i64.
+pub(super) const INT64: i32 = 7;
+/// `TensorProto.DataType` of truth values.
+pub(super) const BOOL: i32 = 9;
 /// `TensorProto.DataType` of f64.
 pub(super) const DOUBLE: i32 = 11;
 /// `TensorProto.DataLocation` of data in another file.
@@ -84,6 +88,8 @@ pub(super) struct Attribute {
     pub(super) f: Option<f32>,
     #[prost(int64, optional, tag = "3")]
     pub(super) i: Option<i64>,
+    #[prost(bytes = "vec", optional, tag = "4")]
+    pub(super) s: Option<Vec<u8>>,
     #[prost(message, optional, tag = "5")]
     pub(super) t: Option<Tensor>,
     #[prost(float, repeated, packed = "false", tag = "7")]
@@ -102,6 +108,10 @@ pub(super) struct Tensor {
     pub(super) data_type: i32,
     #[prost(float, repeated, tag = "4")]
     pub(super) float_data: Vec<f32>,
+    #[prost(int32, repeated, tag = "5")]
+    pub(super) int32_data: Vec<i32>,
+    #[prost(int64, repeated, tag = "7")]
+    pub(super) int64_data: Vec<i64>,
     #[prost(string, tag = "8")]
     pub(super) name: String,
     #[prost(bytes = "vec", optional, tag = "9")]

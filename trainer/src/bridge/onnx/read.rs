@@ -1,279 +1,101 @@
-//! From an ONNX graph to an actor.
-//!
-//! The nodes are evaluated in their order, which ONNX requires to be a topological one. Each
-//! edge is a constant, a [`Signal`] between observation and action, or an unsupported value. Of
-//! the last only the reason is stored: it matters only where an output depends on it.
+//! From an ONNX file to an actor.
 
-use super::proto::{Attribute, DOUBLE, FLOAT, Graph, Model, Node, Tensor};
-use super::signal::{Input, Signal, Step};
-use super::tensor::Constant;
+use super::proto::{Model, Node};
+use super::walk::{Edge, Walk};
 use crate::bridge::ImportError;
-use crate::bridge::imported::ImportedActor;
+use crate::bridge::imported::{Assumption, ImportedActor, Subject};
 use crate::bridge::model_card::{KEY, ModelCard};
 use prost::Message;
 use std::collections::HashMap;
-use std::path::Path;
-use std::rc::Rc;
+use std::path::PathBuf;
 
-/// The supported operations, for messages.
-const KNOWN: &str = "Add, Cast, Clip, Constant, Div, Dropout, Flatten, Gemm, Identity, MatMul, \
-                     Max, Min, Mul, Relu, Sub, Tanh, Transpose";
+/// Longest list of reasons in an error.
+const MOST_REASONS: usize = 4;
+/// Operator set of a file that does not state one: newer than all changes of interest here.
+const NEWEST: i64 = i64::MAX;
 
-/// The value of an edge.
-#[derive(Clone, Debug)]
-enum Edge<'a> {
-    /// A constant in the file that is not read yet.
-    Stored(&'a Tensor),
-    Constant(Rc<Constant>),
-    Signal(Signal),
-    /// An unsupported value, and the reason.
-    Other(Rc<str>),
+/// What the user states about an ONNX file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct OnnxOptions<'a> {
+    /// Folders in which weights in other files may lie: that of the file by its name and, where
+    /// this is a symbolic link, that of the file itself.
+    pub folders: &'a [PathBuf],
+    /// The output that is the action; `None` takes the first one.
+    pub output: Option<&'a str>,
 }
 
-/// Reads an actor. `folder` is the folder of the file, for weights in a file beside it.
+/// Reads an actor.
 ///
 /// # Errors
 /// [`ImportError`] names the node that an actor cannot have.
-pub fn import(bytes: &[u8], folder: Option<&Path>) -> Result<ImportedActor, ImportError> {
+pub fn import(bytes: &[u8], options: &OnnxOptions<'_>) -> Result<ImportedActor, ImportError> {
     let model = Model::decode(bytes)?;
     let graph = model.graph.ok_or_else(|| ImportError::Graph("no graph in it".into()))?;
     let card = model.metadata_props.iter().find(|e| e.key == KEY);
     let card = card.map(|e| ModelCard::parse(&e.value)).transpose()?;
-    let edges = Walk { folder, edges: HashMap::new() }.through(&graph)?;
-    let mut drafts = Vec::new();
-    let mut reasons = Vec::new();
-    for output in &graph.output {
-        let draft = match edges.get(output.name.as_str()) {
+    let plain = model.opset_import.iter().find(|o| matches!(o.domain.as_str(), "" | "ai.onnx"));
+    let opset = plain.map_or(NEWEST, |o| o.version);
+    let edges = Walk::new(options.folders, opset).through(&graph)?;
+    let names: Vec<&str> = graph.output.iter().map(|o| o.name.as_str()).collect();
+    Ok(ImportedActor { card, ..chosen(&names, &edges, options.output)? })
+}
+
+/// Returns the actor of the output that is the action.
+fn chosen(
+    outputs: &[&str],
+    edges: &HashMap<&str, Edge<'_>>,
+    wanted: Option<&str>,
+) -> Result<ImportedActor, ImportError> {
+    let read = |name: &str| {
+        let actor = match edges.get(name) {
             Some(Edge::Signal(signal)) => signal.clone().imported_actor(),
             Some(Edge::Other(why)) => Err(why.to_string()),
             Some(Edge::Stored(_) | Edge::Constant(_)) => Err("it is a constant".into()),
             None => Err("no node gives it".into()),
         };
-        match draft {
-            Ok(draft) => drafts.push(draft),
-            Err(why) => reasons.push(format!("output {:?}: {why}", output.name)),
+        actor.map_err(|why| format!("output {name:?}: {why}"))
+    };
+    let Some(&first) = outputs.first() else {
+        return Err(ImportError::Graph("it has no output".into()));
+    };
+    let name = match wanted {
+        None => first,
+        Some(wanted) => *outputs.iter().find(|name| **name == wanted).ok_or_else(|| {
+            let expected = format!("one of {}", outputs.join(", "));
+            ImportError::value("output", format!("{wanted:?}"), expected)
+        })?,
+    };
+    let others = outputs.iter().copied().filter(|other| *other != name);
+    let readable: Vec<&str> = others.clone().filter(|other| read(other).is_ok()).collect();
+    let mut actor = match (read(name), wanted, readable.first()) {
+        (Ok(actor), None, Some(_)) => {
+            drop(actor);
+            let names = std::iter::once(name).chain(readable).map(|n| format!("{n:?}")).collect();
+            return Err(ImportError::Outputs { names });
+        }
+        (Ok(actor), ..) => actor,
+        (Err(reason), None, Some(&other)) => {
+            return Err(ImportError::OtherOutput { reason, other: other.into() });
+        }
+        (Err(reason), None, None) => {
+            let reasons = others.filter_map(|other| read(other).err()).take(MOST_REASONS - 1);
+            let reasons: Vec<String> = std::iter::once(reason).chain(reasons).collect();
+            return Err(ImportError::Graph(reasons.join("; ")));
+        }
+        (Err(reason), Some(_), _) => return Err(ImportError::Graph(reason)),
+    };
+    if outputs.len() > 1 {
+        let rest: Vec<String> = others.map(|other| format!("{other:?}")).collect();
+        let text = format!("output {name:?}, not {}", rest.join(", "));
+        match wanted {
+            None => actor.assumed.push(Assumption::new(Subject::Output, text)),
+            Some(_) => actor.taken.push(text),
         }
     }
-    match (drafts.pop(), drafts.is_empty()) {
-        (Some(draft), true) => Ok(ImportedActor { card, ..draft }),
-        (Some(_), false) => {
-            let outputs = drafts.len() + 1;
-            Err(ImportError::Graph(format!("{outputs} outputs are actions, expected one")))
-        }
-        (None, _) if reasons.is_empty() => Err(ImportError::Graph("it has no output".into())),
-        (None, _) => {
-            reasons.truncate(4);
-            Err(ImportError::Graph(reasons.join("; ")))
-        }
-    }
+    Ok(actor)
 }
 
-struct Walk<'a> {
-    folder: Option<&'a Path>,
-    edges: HashMap<&'a str, Edge<'a>>,
-}
-
-impl<'a> Walk<'a> {
-    fn through(mut self, graph: &'a Graph) -> Result<HashMap<&'a str, Edge<'a>>, ImportError> {
-        for tensor in &graph.initializer {
-            self.edges.insert(&tensor.name, Edge::Stored(tensor));
-        }
-        // Old files list their initializers among the inputs.
-        let inputs: Vec<&str> = graph.input.iter().map(|i| i.name.as_str()).collect();
-        let free: Vec<&str> =
-            inputs.into_iter().filter(|name| !self.edges.contains_key(name)).collect();
-        let [observation] = free[..] else {
-            let found = format!("{} inputs", free.len());
-            return Err(ImportError::value("graph", found, "one, the observation"));
-        };
-        self.edges.insert(observation, Edge::Signal(Signal::Observation(Input::PLAIN)));
-        for node in &graph.node {
-            let edge = self.run(node).unwrap_or_else(Edge::Other);
-            for (i, output) in node.output.iter().enumerate() {
-                let edge = if i == 0 {
-                    edge.clone()
-                } else {
-                    Edge::Other(format!("{}: its output {i} is not an actor's", label(node)).into())
-                };
-                self.edges.insert(output, edge);
-            }
-        }
-        Ok(self.edges)
-    }
-
-    /// Evaluates a node and returns its first output.
-    fn run(&self, node: &'a Node) -> Result<Edge<'a>, Rc<str>> {
-        // An unsupported input passes its reason on.
-        let arrives = |name: &String| match self.edges.get(name.as_str()) {
-            Some(Edge::Other(why)) => Some(why.clone()),
-            _ => None,
-        };
-        if let Some(why) = node.input.iter().find_map(arrives) {
-            return Err(why);
-        }
-        self.operation(node).map_err(|why| format!("{}: {why}", label(node)).into())
-    }
-
-    fn operation(&self, node: &'a Node) -> Result<Edge<'a>, String> {
-        if !matches!(node.domain.as_str(), "" | "ai.onnx") {
-            return Err(format!("of {:?}, expected a plain ONNX operation", node.domain));
-        }
-        let first = || self.edge(node, 0)?.ok_or_else(|| "its first input is missing".to_owned());
-        let signal = || match first()? {
-            Edge::Signal(signal) => Ok(signal),
-            _ => Err("its first input is a constant, expected the observation's way".to_owned()),
-        };
-        let result = match node.op_type.as_str() {
-            "Identity" | "Dropout" => return first(),
-            "Cast" => {
-                return match attribute(node, "to")
-                    .and_then(|a| a.i)
-                    .and_then(|i| i32::try_from(i).ok())
-                {
-                    Some(FLOAT | DOUBLE) => first(),
-                    _ => Err("to something other than float or double".into()),
-                };
-            }
-            "Constant" => return constant(node),
-            "Transpose" => {
-                let axes = attribute(node, "perm").map_or(&[][..], |a| &a.ints);
-                let matrix = self.constant(node, 0)?.ok_or("its input is missing")?;
-                if !matches!(axes, [] | [1, 0]) {
-                    return Err(format!("perm {axes:?}, expected [1, 0]"));
-                }
-                return Ok(Edge::Constant(Rc::new(matrix.transposed()?)));
-            }
-            "Flatten" => match attribute(node, "axis").and_then(|a| a.i) {
-                None | Some(1) => signal(),
-                Some(axis) => Err(format!("axis {axis}, expected 1")),
-            },
-            "Gemm" => self.gemm(node, signal()?),
-            "MatMul" => {
-                let weights = self.constant(node, 1)?.ok_or("its second input is missing")?;
-                let weights = weights.transposed()?;
-                let shape = weights.matrix()?;
-                signal()?.dense(shape, weights.f32s(), vec![0.0; shape[0]])
-            }
-            "Relu" => signal()?.relu(),
-            "Tanh" => signal()?.tanh(),
-            "Add" => self.step(node, Step::Add),
-            "Sub" => self.step(node, Step::Sub),
-            "Mul" => self.step(node, Step::Mul),
-            "Div" => self.step(node, Step::Div),
-            "Clip" => self.clip(node, signal()?),
-            "Max" => self.pair(node).and_then(|(signal, bound, _)| signal.at_least(&bound)),
-            "Min" => self.pair(node).and_then(|(signal, bound, _)| signal.at_most(&bound)),
-            _ => Err(format!("not an operation that an actor may have; these are {KNOWN}")),
-        };
-        result.map(Edge::Signal)
-    }
-
-    /// Returns an input; `None` where it is left out.
-    fn edge(&self, node: &Node, index: usize) -> Result<Option<Edge<'a>>, String> {
-        match node.input.get(index).map(String::as_str) {
-            None | Some("") => Ok(None),
-            Some(name) => match self.edges.get(name) {
-                Some(edge) => Ok(Some(edge.clone())),
-                None => Err(format!("its input {name:?} is given by no node before it")),
-            },
-        }
-    }
-
-    /// Returns an input that must be a constant; `None` where it is left out.
-    fn constant(&self, node: &Node, index: usize) -> Result<Option<Rc<Constant>>, String> {
-        match self.edge(node, index)? {
-            None => Ok(None),
-            Some(Edge::Constant(constant)) => Ok(Some(constant)),
-            Some(Edge::Stored(tensor)) => Constant::read(tensor, self.folder)
-                .map(|c| Some(Rc::new(c)))
-                .map_err(|why| format!("tensor {:?}: {why}", tensor.name)),
-            Some(_) => Err(format!("its input {index} is computed, expected a constant")),
-        }
-    }
-
-    /// Returns a signal and a constant, and whether the constant comes first.
-    fn pair(&self, node: &Node) -> Result<(Signal, Rc<Constant>, bool), String> {
-        if node.input.len() != 2 {
-            return Err(format!("{} inputs, expected 2", node.input.len()));
-        }
-        let missing = || "an input is missing".to_owned();
-        let constant = |index| self.constant(node, index)?.ok_or_else(missing);
-        match (self.edge(node, 0)?, self.edge(node, 1)?) {
-            (Some(Edge::Signal(_)), Some(Edge::Signal(_))) => {
-                Err("of two computed values, expected a constant".into())
-            }
-            (Some(Edge::Signal(signal)), _) => Ok((signal, constant(1)?, false)),
-            (_, Some(Edge::Signal(signal))) => Ok((signal, constant(0)?, true)),
-            _ => Err("of two constants; export with constant folding".into()),
-        }
-    }
-
-    fn step(&self, node: &Node, step: Step) -> Result<Signal, String> {
-        let (signal, by, reversed) = self.pair(node)?;
-        match (reversed, step) {
-            (false, _) | (true, Step::Add | Step::Mul) => signal.step(step, &by),
-            // A constant minus x is -x plus the constant.
-            (true, Step::Sub) => {
-                signal.step(Step::Mul, &Constant::scalar(-1.0)?)?.step(Step::Add, &by)
-            }
-            (true, Step::Div) => Err("a constant by a computed value".into()),
-        }
-    }
-
-    fn gemm(&self, node: &Node, signal: Signal) -> Result<Signal, String> {
-        for (name, wanted) in [("alpha", 1.0), ("beta", 1.0)] {
-            if let Some(x) = attribute(node, name).and_then(|a| a.f).filter(|&x| x != wanted) {
-                return Err(format!("{name} {x}, expected {wanted}"));
-            }
-        }
-        let flag = |name: &str| attribute(node, name).and_then(|a| a.i).unwrap_or(0) != 0;
-        if flag("transA") {
-            return Err("transA, expected the observation by rows".into());
-        }
-        let mut weights = self.constant(node, 1)?.ok_or("its second input is missing")?;
-        if !flag("transB") {
-            weights = Rc::new(weights.transposed()?);
-        }
-        let [outputs, inputs] = weights.matrix()?;
-        let bias = match self.constant(node, 2)? {
-            Some(bias) => bias.spread_over(outputs)?,
-            None => vec![0.0; outputs],
-        };
-        let bias = bias.into_iter().map(|x| x as f32).collect();
-        signal.dense([outputs, inputs], weights.f32s(), bias)
-    }
-
-    fn clip(&self, node: &Node, mut signal: Signal) -> Result<Signal, String> {
-        // The bounds are attributes before opset 11, and inputs since.
-        let bound = |name: &str, index| match attribute(node, name).and_then(|a| a.f) {
-            Some(x) => Constant::scalar(x).map(|c| Some(Rc::new(c))),
-            None => self.constant(node, index),
-        };
-        if let Some(low) = bound("min", 1)? {
-            signal = signal.at_least(&low)?;
-        }
-        if let Some(high) = bound("max", 2)? {
-            signal = signal.at_most(&high)?;
-        }
-        Ok(signal)
-    }
-}
-
-/// Returns the value of a Constant node.
-fn constant(node: &Node) -> Result<Edge<'_>, String> {
-    if let Some(tensor) = attribute(node, "value").and_then(|a| a.t.as_ref()) {
-        return Ok(Edge::Stored(tensor));
-    }
-    match attribute(node, "value_float").and_then(|a| a.f) {
-        Some(x) => Ok(Edge::Constant(Rc::new(Constant::scalar(x)?))),
-        None => Err("neither a tensor nor a number".into()),
-    }
-}
-
-fn attribute<'n>(node: &'n Node, name: &str) -> Option<&'n Attribute> {
-    node.attribute.iter().find(|a| a.name == name)
-}
-
-fn label(node: &Node) -> String {
+/// Describes a node in a message.
+pub(super) fn label(node: &Node) -> String {
     format!("node {} {:?}", node.op_type.escape_debug(), node.name)
 }

@@ -5,10 +5,10 @@
 //! f64 and rounded once.
 
 use super::tensor::Constant;
-use crate::bridge::imported::{ImportedActor, Pairs};
+use crate::bridge::imported::{Assumption, ImportedActor, Subject};
 use crate::net::mlp::Layer;
 use crate::preset::{ACTION_HIGH, ACTION_LOW};
-use leg_control::actor::{INPUTS, MAX_LAYERS, ObservationScaling};
+use leg_control::actor::{INPUTS, MAX_LAYERS, OUTPUTS, ObservationScaling};
 use std::rc::Rc;
 
 /// A scaling step between actor and clip.
@@ -37,12 +37,10 @@ pub(super) enum Signal {
 pub(super) struct Input {
     offset: [f64; 3],
     scale: [f64; 3],
-    /// Whether the graph has a scaling at all.
-    own: bool,
 }
 
 impl Input {
-    pub(super) const PLAIN: Self = Self { offset: [0.0; 3], scale: [1.0; 3], own: false };
+    pub(super) const PLAIN: Self = Self { offset: [0.0; 3], scale: [1.0; 3] };
 }
 
 /// The layers of the network up to here.
@@ -58,8 +56,6 @@ pub(super) struct Output {
     offset: [f64; 2],
     low: [f64; 2],
     high: [f64; 2],
-    /// Whether the graph has a scaling at all.
-    own: bool,
 }
 
 impl Output {
@@ -68,7 +64,6 @@ impl Output {
         offset: [0.0; 2],
         low: [f64::NEG_INFINITY; 2],
         high: [f64::INFINITY; 2],
-        own: false,
     };
 }
 
@@ -79,6 +74,15 @@ impl Signal {
             Self::Sums(_) => "a layer before its ReLU",
             Self::Rectified(_) => "a layer after its ReLU",
             Self::Action(..) => "the action",
+        }
+    }
+
+    /// Returns the number of values in a row.
+    pub(super) fn width(&self) -> usize {
+        match self {
+            Self::Observation(_) => INPUTS,
+            Self::Sums(trunk) | Self::Rectified(trunk) => trunk_outputs(&trunk.layers),
+            Self::Action(..) => OUTPUTS,
         }
     }
 
@@ -99,7 +103,7 @@ impl Signal {
                         Step::Div => *scale /= c,
                     }
                 }
-                Ok(Self::Observation(Input { own: true, ..input }))
+                Ok(Self::Observation(input))
             }
             Self::Sums(mut trunk) if matches!(step, Step::Add | Step::Sub) => {
                 let sign = if step == Step::Add { 1.0 } else { -1.0 };
@@ -115,7 +119,7 @@ impl Signal {
                 for (i, &c) in by.iter().enumerate() {
                     output.step(i, step, c);
                 }
-                Ok(Self::Action(trunk, Output { own: true, ..output }))
+                Ok(Self::Action(trunk, output))
             }
             other => Err(other.unfit(&format!("{step:?}"))),
         }
@@ -188,14 +192,23 @@ impl Signal {
         let Self::Action(Trunk { input, layers }, output) = self else {
             return Err(format!("it is {}, with no Tanh at the end", self.kind()));
         };
-        let observation = input.own.then(|| ObservationScaling {
+        if trunk_outputs(&layers) != OUTPUTS {
+            return Err(format!("rows of {}, expected {OUTPUTS}", trunk_outputs(&layers)));
+        }
+        // A scaling that changes nothing says nothing about the units.
+        let observation = (input != Input::PLAIN).then(|| ObservationScaling {
             offset: input.offset.map(|x| x as f32),
             scale: input.scale.map(|x| x as f32),
         });
         let layers = layers.into_iter().map(Rc::unwrap_or_clone).collect();
-        let (action, bounds) = output.scalings();
-        Ok(ImportedActor { layers, observation, action, bounds, ..ImportedActor::default() })
+        let mut actor = ImportedActor { layers, observation, ..ImportedActor::default() };
+        output.complete(&mut actor);
+        Ok(actor)
     }
+}
+
+fn trunk_outputs(layers: &[Rc<Layer>]) -> usize {
+    layers.last().map_or(INPUTS, |l| l.bias.len())
 }
 
 impl Output {
@@ -213,22 +226,31 @@ impl Output {
         }
     }
 
-    /// Returns the scaling and the bounds, each `None` where the graph has none. A graph that
-    /// ends with its tanh, or clips it from -1 to 1, leaves both to the user.
-    fn scalings(&self) -> (Option<Pairs>, Option<Pairs>) {
+    /// Gives the actor the scaling and the bounds of the graph. A graph that ends with its
+    /// tanh, multiplies it by 1 or clips it from -1 to 1, leaves both to the user. A bound of
+    /// one action only is completed by the leg's own.
+    fn complete(&self, actor: &mut ImportedActor) {
         let f32s = |x: [f64; 2]| x.map(|x| x as f32);
+        let scaled = self.scale != [1.0; 2] || self.offset != [0.0; 2];
         let wide = self.low.iter().all(|&x| x <= -1.0) && self.high.iter().all(|&x| x >= 1.0);
-        if !self.own && wide {
-            return (None, None);
+        if !scaled && wide {
+            return;
         }
-        let action = Some([f32s(self.scale), f32s(self.offset)]);
-        let infinite = |ends: [f64; 2]| ends.iter().all(|x| x.is_infinite());
-        if infinite(self.low) && infinite(self.high) {
-            return (action, None);
+        actor.action = Some([f32s(self.scale), f32s(self.offset)]);
+        let sides = [
+            (self.low, ACTION_LOW, "lowest", &mut actor.low),
+            (self.high, ACTION_HIGH, "highest", &mut actor.high),
+        ];
+        for (ends, leg, which, bound) in sides {
+            let stated = f32s(ends).map(|x| x.abs() < f32::MAX);
+            if stated.contains(&true) {
+                *bound = Some([0, 1].map(|i| if stated[i] { ends[i] as f32 } else { leg[i] }));
+            }
+            let units = ["rad", "m/s"];
+            if let (true, Some(i)) = (stated.contains(&true), stated.iter().position(|s| !s)) {
+                let text = format!("{which} action[{i}] {:.4} {}, the leg's own", leg[i], units[i]);
+                actor.assumed.push(Assumption::new(Subject::ActionBounds, text));
+            }
         }
-        let or = |ends: [f64; 2], leg: [f32; 2]| {
-            [0, 1].map(|i| if ends[i].is_infinite() { leg[i] } else { ends[i] as f32 })
-        };
-        (action, Some([or(self.low, ACTION_LOW), or(self.high, ACTION_HIGH)]))
     }
 }

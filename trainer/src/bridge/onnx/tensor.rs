@@ -1,10 +1,10 @@
 //! The constants of a graph, in the file or in a file beside it.
 
-use super::proto::{DOUBLE, EXTERNAL, FLOAT, Tensor};
+use super::proto::{BOOL, DOUBLE, EXTERNAL, FLOAT, INT64, Tensor};
 use leg_control::actor::MAX_WIDTH;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
-use std::path::{Component, Path};
+use std::path::{Component, Path, PathBuf};
 
 /// Largest number of values in a constant of an actor.
 const MOST_VALUES: usize = MAX_WIDTH * MAX_WIDTH;
@@ -34,8 +34,13 @@ impl Constant {
         }
     }
 
-    /// Reads a tensor. `folder` is the folder of files beside the graph.
-    pub(super) fn read(tensor: &Tensor, folder: Option<&Path>) -> Result<Self, String> {
+    /// Creates a row of numbers.
+    pub(super) fn row(numbers: &[f32]) -> Result<Self, String> {
+        Self::new(vec![numbers.len()], numbers.iter().map(|&x| f64::from(x)).collect())
+    }
+
+    /// Reads a tensor. `folders` may have files with its values.
+    pub(super) fn read(tensor: &Tensor, folders: &[PathBuf]) -> Result<Self, String> {
         // Checked before anything is read or allocated.
         let mut count = 1_usize;
         let mut dims = Vec::new();
@@ -60,7 +65,7 @@ impl Constant {
         };
         let outside;
         let raw = if tensor.data_location == EXTERNAL {
-            outside = external(tensor, count * size, folder)?;
+            outside = external(tensor, count * size, folders)?;
             Some(outside.as_slice())
         } else {
             tensor.raw_data.as_deref()
@@ -119,8 +124,32 @@ impl Constant {
     }
 }
 
-/// Reads bytes from a file in the same folder.
-fn external(tensor: &Tensor, bytes: usize, folder: Option<&Path>) -> Result<Vec<u8>, String> {
+/// Returns the integers of a tensor of one dimension in the file.
+pub(super) fn integers(tensor: &Tensor) -> Result<Vec<i64>, String> {
+    let numbers = match tensor.raw_data.as_deref() {
+        _ if tensor.data_type != INT64 || tensor.data_location == EXTERNAL => None,
+        Some(raw) => match raw.as_chunks() {
+            (numbers, []) => Some(numbers.iter().map(|&b| i64::from_le_bytes(b)).collect()),
+            _ => None,
+        },
+        None => Some(tensor.int64_data.clone()),
+    };
+    let fits = |n: &Vec<i64>| *tensor.dims == [n.len().try_into().unwrap_or(i64::MAX)];
+    numbers.filter(fits).ok_or_else(|| format!("tensor {:?}: not a row of integers", tensor.name))
+}
+
+/// Returns the truth value of a tensor in the file; `None` where it is not a single one.
+pub(super) fn flag(tensor: &Tensor) -> Option<bool> {
+    let outside = tensor.data_type != BOOL || tensor.data_location == EXTERNAL;
+    match (outside, tensor.raw_data.as_deref(), &tensor.int32_data[..]) {
+        (false, Some([value]), []) => Some(*value != 0),
+        (false, None | Some([]), [value]) => Some(*value != 0),
+        _ => None,
+    }
+}
+
+/// Reads bytes from a file below one of the folders.
+fn external(tensor: &Tensor, bytes: usize, folders: &[PathBuf]) -> Result<Vec<u8>, String> {
     let entry =
         |key: &str| tensor.external_data.iter().find(|e| e.key == key).map(|e| e.value.as_str());
     let location = entry("location").ok_or("external data without a location")?;
@@ -140,12 +169,15 @@ fn external(tensor: &Tensor, bytes: usize, folder: Option<&Path>) -> Result<Vec<
     if let Some(length) = number("length")?.filter(|&n| n != bytes as u64) {
         return Err(format!("{length} bytes of external data where its shape has {bytes}"));
     }
-    let folder = folder.ok_or("external data, but no folder to look in")?;
-    let path = folder.join(place);
+    let paths = folders.iter().map(|folder| folder.join(place));
+    let path = paths.clone().find(|path| path.exists()).or_else(|| paths.clone().next());
+    let path = path.ok_or("external data, but no folder to look in")?;
     let unreadable = |why: String| format!("external data in {}: {why}", path.display());
-    // A symbolic link must not lead out of the folder either.
+    // A symbolic link must not lead out of the folders either.
     let real = |p: &Path| p.canonicalize().map_err(|e| unreadable(e.to_string()));
-    if !real(&path)?.starts_with(real(folder)?) || !path.is_file() {
+    let file = real(&path)?;
+    let is_below = |folder: &PathBuf| folder.canonicalize().is_ok_and(|f| file.starts_with(f));
+    if !folders.iter().any(is_below) || !path.is_file() {
         return Err(unreadable("not a file below the folder of the ONNX file".into()));
     }
     let mut data = Vec::with_capacity(bytes);

@@ -8,13 +8,15 @@
 mod container;
 
 use super::ImportError;
-use super::imported::ImportedActor;
+use super::imported::{Assumption, ImportedActor, Subject};
 use super::model_card::{KEY, ModelCard};
-use super::state_dict;
+use super::state_dict::{self, Found, Linear, Named, has_gaps, names_of};
 use crate::net::mlp::Layer;
 use crate::policy::PackedActor;
 use container::Container;
 use leg_control::policy::Policy;
+
+pub use super::state_dict::StateDictOptions;
 
 /// Writes a policy as a safetensors file. The same policy gives the same bytes.
 #[must_use]
@@ -32,38 +34,78 @@ pub fn export(policy: &Policy<'_>) -> Vec<u8> {
     container::write(tensors.collect(), metadata)
 }
 
-/// Reads an actor. `layers` names its layers in order; `None` takes the only ones that can
-/// be an actor.
+/// Reads an actor.
 ///
 /// # Errors
 /// [`ImportError`] names the tensor, what was found and what was expected.
-pub fn import(bytes: &[u8], layers: Option<&[String]>) -> Result<ImportedActor, ImportError> {
+pub fn import(bytes: &[u8], options: &StateDictOptions<'_>) -> Result<ImportedActor, ImportError> {
     let file = container::read(bytes).map_err(ImportError::Safetensors)?;
     let card = file.metadata.get(KEY).map(|json| ModelCard::parse(json)).transpose()?;
-    let linears = state_dict::linears(
-        file.tensors.iter().map(|(name, entry)| (name.as_str(), entry.shape.as_slice())),
-    );
-    let row = match layers {
-        Some(paths) => state_dict::named(&linears, paths)?,
-        None => state_dict::only_actor(&linears)?,
+    let tensors: Vec<Named<'_>> =
+        file.tensors.iter().map(|(name, entry)| (name.as_str(), entry.shape.as_slice())).collect();
+    let known = StateDictOptions {
+        hidden_is_relu: options.hidden_is_relu || card.is_some(),
+        output_is_tanh: options.output_is_tanh || card.is_some(),
+        ..*options
     };
+    let Found { row, scale_and_bias, ignored } = state_dict::find(&tensors, &known)?;
     let layers = row.iter().map(|linear| layer(&file, linear)).collect::<Result<_, _>>()?;
-    let assumed = if card.is_some() {
-        vec![]
-    } else {
-        vec!["ReLU between the layers, tanh after the last".to_owned()]
-    };
+    let mut taken = vec![format!("layers {}", names_of(&row))];
+    let mut action = card.as_ref().map(|c| [c.action.scale, c.action.offset]);
+    if let Some(names) = scale_and_bias {
+        if action.is_some() {
+            let found = "a scaling of the actions beside that of the metadata";
+            return Err(ImportError::value(format!("{:?}", names[0]), found, "one of the two"));
+        }
+        let [scale, bias] = &names;
+        action = Some([pair(&file, scale)?, pair(&file, bias)?]);
+        taken.push(format!("{scale} and {bias}"));
+    }
+    if !ignored.is_empty() {
+        let names = ignored.iter().map(|name| name.escape_debug().to_string());
+        taken.push(format!("not {}", state_dict::shortened(names)));
+    }
     Ok(ImportedActor {
         layers,
         observation: card.as_ref().map(|c| c.observation),
-        action: card.as_ref().map(|c| [c.action.scale, c.action.offset]),
-        bounds: card.as_ref().map(|c| [c.action.low, c.action.high]),
+        action,
+        low: card.as_ref().map(|c| c.action.low),
+        high: card.as_ref().map(|c| c.action.high),
         card,
-        assumed,
+        taken,
+        assumed: assumed(&known, &row),
     })
 }
 
-fn layer(file: &Container<'_>, linear: &state_dict::Linear) -> Result<Layer, ImportError> {
+/// Returns the assumptions about what a state dict cannot state.
+fn assumed(known: &StateDictOptions<'_>, row: &[Linear]) -> Vec<Assumption> {
+    let mut assumed = Vec::new();
+    if !known.hidden_is_relu {
+        let more = "; their numbers leave room for more, such as a normalisation without weights";
+        let more = if has_gaps(row) { more } else { "" };
+        let text = format!("ReLU between the layers, and nothing else{more}");
+        assumed.push(Assumption::new(Subject::HiddenActivation, text));
+    }
+    if !known.output_is_tanh {
+        assumed.push(Assumption::new(Subject::OutputActivation, "tanh after the last layer"));
+    }
+    assumed
+}
+
+/// Returns the numbers of a tensor for both actions; one number is for both.
+fn pair(file: &Container<'_>, name: &str) -> Result<[f32; 2], ImportError> {
+    let shape = file.tensors.get(name).map_or(&[][..], |entry| &entry.shape);
+    let leading = shape.split_last().map_or(&[][..], |(_, leading)| leading);
+    let values: usize = shape.iter().product();
+    if !(values == 1 || values == 2 && leading.iter().all(|&n| n == 1)) {
+        let expected = "a number for each of the two actions";
+        return Err(ImportError::value(format!("{name:?}"), format!("shape {shape:?}"), expected));
+    }
+    let numbers = numbers(file, name, shape)?;
+    Ok([0, 1].map(|i| numbers[i.min(values - 1)]))
+}
+
+fn layer(file: &Container<'_>, linear: &Linear) -> Result<Layer, ImportError> {
     let weights = numbers(file, &linear.tensor("weight"), &[linear.outputs, linear.inputs])?;
     let bias = numbers(file, &linear.tensor("bias"), &[linear.outputs])?;
     Ok(Layer { inputs: linear.inputs, weights, bias })

@@ -1,13 +1,16 @@
 //! Graphs as other programs write them.
 
-use super::import;
+mod exporters;
+mod outputs;
+
 use super::proto::{
     ATTRIBUTE_INT, Attribute, EXTERNAL, Entry, FLOAT, Graph, Model, Node, Tensor, ValueInfo,
 };
+use super::{OnnxOptions, import};
 use crate::bridge::imported::{ImportOptions, ImportedActor};
 use leg_control::actor::{Action, Observation};
 use prost::Message;
-use std::path::Path;
+use std::path::PathBuf;
 
 fn tensor(name: &str, dims: &[i64], numbers: &[f32]) -> Tensor {
     Tensor {
@@ -76,7 +79,7 @@ fn model(nodes: &[&str], constants: Vec<Tensor>) -> Vec<u8> {
 }
 
 fn read(nodes: &[&str]) -> Result<ImportedActor, String> {
-    import(&model(nodes, constants()), None).map_err(|e| e.to_string())
+    import(&model(nodes, constants()), &OnnxOptions::default()).map_err(|e| e.to_string())
 }
 
 fn act(imported: ImportedActor, [vx, y, rho]: [f32; 3]) -> [f32; 2] {
@@ -127,8 +130,9 @@ fn reads_the_same_network_in_all_its_spellings() {
     for nodes in spellings {
         let mut constants = constants();
         constants.push(tensor("b2c", &[2], &[0.0625, -0.5]));
-        let imported = import(&model(nodes, constants), None).unwrap();
-        assert_eq!((imported.observation, imported.action, imported.bounds), (None, None, None));
+        let imported = import(&model(nodes, constants), &OnnxOptions::default()).unwrap();
+        assert_eq!((imported.observation, imported.action), (None, None));
+        assert_eq!((imported.low, imported.high), (None, None));
         let found = act(imported, X);
         assert!((0..2).all(|i| (found[i] - expected[i]).abs() < 1e-6), "{found:?} {expected:?}");
     }
@@ -149,7 +153,7 @@ fn takes_scalings_and_clips_from_the_graph() {
     // A Box action is unscaled by low + (high - low) (tanh + 1) / 2.
     let after = ["Add t one > u", "Mul u half > v", "Mul range v > w", "Add w low > act"];
     let imported = read(&with_network(&before, &after)).unwrap();
-    assert_eq!(imported.bounds, None);
+    assert_eq!((imported.low, imported.high), (None, None));
     let found = act(imported, X);
     for i in 0..2 {
         let expected = [0.5, 0.0][i] + (tanh[i] + 1.0);
@@ -159,10 +163,10 @@ fn takes_scalings_and_clips_from_the_graph() {
     let clipped = ["Clip t minus one > u", "Mul u range > v", "Max low v > w", "Min w high > act"];
     let imported = read(&with_network(&before, &clipped)).unwrap();
     assert_eq!(imported.action, Some([[2.0; 2], [0.0; 2]]));
-    assert_eq!(imported.bounds, Some([[0.5, 0.0], [2.0, 2.0]]));
+    assert_eq!((imported.low, imported.high), (Some([0.5, 0.0]), Some([2.0, 2.0])));
     // A clip without effect states no bounds.
     let imported = read(&with_network(&before, &["Clip t minus one > act"])).unwrap();
-    assert_eq!((imported.action, imported.bounds), (None, None));
+    assert_eq!((imported.action, imported.low, imported.high), (None, None, None));
     // A constant minus the observation.
     let imported = read(&with_network(&["Sub mean obs > x"], &["Sub high t > act"])).unwrap();
     let scaling = imported.observation.unwrap();
@@ -201,19 +205,20 @@ fn names_the_operation_that_an_actor_cannot_have() {
 }
 
 /// Reads the graph of one layer with this tensor as its weights.
-fn of_weights(weights: Tensor, folder: Option<&Path>) -> Result<ImportedActor, String> {
+fn of_weights(weights: Tensor, folders: &[PathBuf]) -> Result<ImportedActor, String> {
     let nodes = ["Gemm:transB=1 obs w > a", "Tanh a > act"];
-    import(&model(&nodes, vec![weights]), folder).map_err(|e| e.to_string())
+    let options = OnnxOptions { folders, ..OnnxOptions::default() };
+    import(&model(&nodes, vec![weights]), &options).map_err(|e| e.to_string())
 }
 
 #[test]
 fn refuses_damaged_tensors() {
     let good = || tensor("w", &[2, 3], &[1.0; 6]);
-    assert!(of_weights(good(), None).is_ok());
+    assert!(of_weights(good(), &[]).is_ok());
     let refused = |change: &dyn Fn(&mut Tensor), expected: &str| {
         let mut weights = good();
         change(&mut weights);
-        let error = of_weights(weights, None).unwrap_err();
+        let error = of_weights(weights, &[]).unwrap_err();
         assert!(error.contains("node Gemm") && error.contains(expected), "{error}");
     };
     refused(&|t| t.dims = vec![i64::MAX, 3], "at most 16384 values");
@@ -227,6 +232,50 @@ fn refuses_damaged_tensors() {
     refused(&|t| t.data_location = EXTERNAL, "without a location");
 }
 
+/// Returns weights that lie in another file.
+fn external(entries: &[(&str, &str)]) -> Tensor {
+    let external_data =
+        entries.iter().map(|&(k, v)| Entry { key: k.into(), value: v.into() }).collect();
+    Tensor {
+        data_location: EXTERNAL,
+        float_data: vec![],
+        external_data,
+        ..tensor("w", &[2, 3], &[])
+    }
+}
+
+#[test]
+fn reads_external_weights_behind_the_links_of_a_cache() {
+    // The cache of Hugging Face: names are links, the files lie together elsewhere.
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name);
+    for folder in ["snapshots/1", "blobs", "other"] {
+        std::fs::create_dir_all(path(folder)).unwrap();
+    }
+    let numbers: Vec<f32> = (0..6).map(|i| i as f32).collect();
+    for place in ["blobs/ab12", "other/ab12"] {
+        std::fs::write(path(place), bytemuck::cast_slice::<f32, u8>(&numbers)).unwrap();
+    }
+    let link = |to: &str| {
+        let _ = std::fs::remove_file(path("snapshots/1/w.data"));
+        std::os::unix::fs::symlink(to, path("snapshots/1/w.data")).unwrap();
+    };
+    let by_name = path("snapshots/1");
+    let both = [by_name.clone(), path("blobs")];
+    let read = |folders: &[PathBuf]| of_weights(external(&[("location", "w.data")]), folders);
+    link("../../blobs/ab12");
+    assert_eq!(read(&both).unwrap().layers[0].weights, numbers);
+    // The graph is no link: then the weights must be below its folder.
+    let error = read(&[by_name]).unwrap_err();
+    assert!(error.contains("not a file below the folder"), "{error}");
+    link("../../other/ab12");
+    assert!(read(&both).unwrap_err().contains("not a file below the folder"));
+    // Only the graph is a link: its weights lie beside the file itself.
+    std::fs::remove_file(path("snapshots/1/w.data")).unwrap();
+    std::fs::copy(path("blobs/ab12"), path("blobs/w.data")).unwrap();
+    assert_eq!(read(&both).unwrap().layers[0].weights, numbers);
+}
+
 #[test]
 fn reads_external_weights_only_below_the_files_folder() {
     let directory = tempfile::tempdir().unwrap();
@@ -236,17 +285,8 @@ fn reads_external_weights_only_below_the_files_folder() {
     std::fs::write(folder.join("w.data"), bytemuck::cast_slice::<f32, u8>(&numbers)).unwrap();
     std::fs::write(directory.path().join("secret"), [0; 24]).unwrap();
     std::os::unix::fs::symlink("../secret", folder.join("link")).unwrap();
-    let of = |entries: &[(&str, &str)]| {
-        let external_data =
-            entries.iter().map(|&(k, v)| Entry { key: k.into(), value: v.into() }).collect();
-        let weights = Tensor {
-            data_location: EXTERNAL,
-            float_data: vec![],
-            external_data,
-            ..tensor("w", &[2, 3], &[])
-        };
-        of_weights(weights, Some(&folder))
-    };
+    let of =
+        |entries: &[(&str, &str)]| of_weights(external(entries), std::slice::from_ref(&folder));
     let imported = of(&[("location", "w.data"), ("offset", "4"), ("length", "24")]).unwrap();
     assert_eq!(imported.layers[0].weights, numbers[1..]);
     for (entries, expected) in [

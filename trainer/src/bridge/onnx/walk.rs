@@ -1,0 +1,325 @@
+//! The values of a graph's edges.
+//!
+//! The nodes are evaluated in their order, which ONNX requires to be a topological one. Each
+//! edge is a constant, a [`Signal`] between observation and action, or an unsupported value. Of
+//! the last only the reason is stored: it matters only where an output depends on it.
+
+use super::proto::{Attribute, DOUBLE, FLOAT, Graph, Node, Tensor};
+use super::read::label;
+use super::signal::{Input, Signal, Step};
+use super::tensor::{Constant, flag, integers};
+use crate::bridge::ImportError;
+use std::collections::HashMap;
+use std::path::PathBuf;
+use std::rc::Rc;
+
+/// The supported operations, for messages.
+const KNOWN: &str = "Add, Cast, Clip, Constant, Div, Dropout, Flatten, Gemm, Identity, MatMul, \
+                     Max, Min, Mul, Relu, Reshape, Sub, Tanh, Transpose, Scaler of ai.onnx.ml, \
+                     FusedGemm of com.microsoft";
+/// First operator set in which Dropout has no attribute `is_test`.
+const DROPOUT_WITHOUT_TEST: i64 = 7;
+
+/// The value of an edge.
+#[derive(Clone, Debug)]
+pub(super) enum Edge<'a> {
+    /// A constant in the file that is not read yet.
+    Stored(&'a Tensor),
+    Constant(Rc<Constant>),
+    Signal(Signal),
+    /// An unsupported value, and the reason.
+    Other(Rc<str>),
+}
+
+/// The evaluation of a graph.
+pub(super) struct Walk<'a> {
+    folders: &'a [PathBuf],
+    opset: i64,
+    edges: HashMap<&'a str, Edge<'a>>,
+}
+
+impl<'a> Walk<'a> {
+    pub(super) fn new(folders: &'a [PathBuf], opset: i64) -> Self {
+        Self { folders, opset, edges: HashMap::new() }
+    }
+
+    /// Evaluates every node, and returns all edges by their names.
+    pub(super) fn through(
+        mut self,
+        graph: &'a Graph,
+    ) -> Result<HashMap<&'a str, Edge<'a>>, ImportError> {
+        for tensor in &graph.initializer {
+            self.edges.insert(&tensor.name, Edge::Stored(tensor));
+        }
+        // Old files list their initializers among the inputs.
+        let inputs: Vec<&str> = graph.input.iter().map(|i| i.name.as_str()).collect();
+        let free: Vec<&str> =
+            inputs.into_iter().filter(|name| !self.edges.contains_key(name)).collect();
+        let [observation] = free[..] else {
+            let found = format!("{} inputs", free.len());
+            return Err(ImportError::value("graph", found, "one, the observation"));
+        };
+        self.edges.insert(observation, Edge::Signal(Signal::Observation(Input::PLAIN)));
+        for node in &graph.node {
+            let edge = self.run(node).unwrap_or_else(Edge::Other);
+            for (i, output) in node.output.iter().enumerate() {
+                let edge = if i == 0 {
+                    edge.clone()
+                } else {
+                    Edge::Other(format!("{}: its output {i} is not an actor's", label(node)).into())
+                };
+                self.edges.insert(output, edge);
+            }
+        }
+        Ok(self.edges)
+    }
+
+    /// Evaluates a node and returns its first output.
+    fn run(&self, node: &'a Node) -> Result<Edge<'a>, Rc<str>> {
+        // An unsupported input passes its reason on.
+        let arrives = |name: &String| match self.edges.get(name.as_str()) {
+            Some(Edge::Other(why)) => Some(why.clone()),
+            _ => None,
+        };
+        if let Some(why) = node.input.iter().find_map(arrives) {
+            return Err(why);
+        }
+        self.operation(node).map_err(|why| format!("{}: {why}", label(node)).into())
+    }
+
+    fn operation(&self, node: &'a Node) -> Result<Edge<'a>, String> {
+        let first = || self.edge(node, 0)?.ok_or_else(|| "its first input is missing".to_owned());
+        let signal = || match first()? {
+            Edge::Signal(signal) => Ok(signal),
+            _ => Err("its first input is a constant, expected the observation's way".to_owned()),
+        };
+        match (node.domain.as_str(), node.op_type.as_str()) {
+            ("" | "ai.onnx", _) => {}
+            ("ai.onnx.ml", "Scaler") => return self.scaler(node, signal()?).map(Edge::Signal),
+            ("com.microsoft", "FusedGemm") => {
+                return self.fused_gemm(node, signal()?).map(Edge::Signal);
+            }
+            (domain, _) => {
+                let message = "not an operation that an actor may have; these are";
+                return Err(format!("of {domain:?}, {message} {KNOWN}"));
+            }
+        }
+        let result = match node.op_type.as_str() {
+            "Identity" => return first(),
+            "Dropout" => {
+                self.check_dropout(node)?;
+                return first();
+            }
+            "Reshape" => self.reshape(node, signal()?),
+            "Cast" => {
+                return match attribute(node, "to")
+                    .and_then(|a| a.i)
+                    .and_then(|i| i32::try_from(i).ok())
+                {
+                    Some(FLOAT | DOUBLE) => first(),
+                    _ => Err("to something other than float or double".into()),
+                };
+            }
+            "Constant" => return constant(node),
+            "Transpose" => {
+                let axes = attribute(node, "perm").map_or(&[][..], |a| &a.ints);
+                let matrix = self.constant(node, 0)?.ok_or("its input is missing")?;
+                if !matches!(axes, [] | [1, 0]) {
+                    return Err(format!("perm {axes:?}, expected [1, 0]"));
+                }
+                return Ok(Edge::Constant(Rc::new(matrix.transposed()?)));
+            }
+            "Flatten" => match attribute(node, "axis").and_then(|a| a.i) {
+                None | Some(1) => signal(),
+                Some(axis) => Err(format!("axis {axis}, expected 1")),
+            },
+            "Gemm" => self.gemm(node, signal()?),
+            "MatMul" => {
+                let weights = self.constant(node, 1)?.ok_or("its second input is missing")?;
+                let weights = weights.transposed()?;
+                let shape = weights.matrix()?;
+                signal()?.dense(shape, weights.f32s(), vec![0.0; shape[0]])
+            }
+            "Relu" => signal()?.relu(),
+            "Tanh" => signal()?.tanh(),
+            "Add" => self.step(node, Step::Add),
+            "Sub" => self.step(node, Step::Sub),
+            "Mul" => self.step(node, Step::Mul),
+            "Div" => self.step(node, Step::Div),
+            "Clip" => self.clip(node, signal()?),
+            "Max" => self.pair(node).and_then(|(signal, bound, _)| signal.at_least(&bound)),
+            "Min" => self.pair(node).and_then(|(signal, bound, _)| signal.at_most(&bound)),
+            _ => Err(format!("not an operation that an actor may have; these are {KNOWN}")),
+        };
+        result.map(Edge::Signal)
+    }
+
+    /// Returns an input; `None` where it is left out.
+    fn edge(&self, node: &Node, index: usize) -> Result<Option<Edge<'a>>, String> {
+        match node.input.get(index).map(String::as_str) {
+            None | Some("") => Ok(None),
+            Some(name) => match self.edges.get(name) {
+                Some(edge) => Ok(Some(edge.clone())),
+                None => Err(format!("its input {name:?} is given by no node before it")),
+            },
+        }
+    }
+
+    /// Returns an input that must be a constant; `None` where it is left out.
+    fn constant(&self, node: &Node, index: usize) -> Result<Option<Rc<Constant>>, String> {
+        match self.edge(node, index)? {
+            None => Ok(None),
+            Some(Edge::Constant(constant)) => Ok(Some(constant)),
+            Some(Edge::Stored(tensor)) => Constant::read(tensor, self.folders)
+                .map(|c| Some(Rc::new(c)))
+                .map_err(|why| format!("tensor {:?}: {why}", tensor.name)),
+            Some(_) => Err(format!("its input {index} is computed, expected a constant")),
+        }
+    }
+
+    /// Returns a signal and a constant, and whether the constant comes first.
+    fn pair(&self, node: &Node) -> Result<(Signal, Rc<Constant>, bool), String> {
+        if node.input.len() != 2 {
+            return Err(format!("{} inputs, expected 2", node.input.len()));
+        }
+        let missing = || "an input is missing".to_owned();
+        let constant = |index| self.constant(node, index)?.ok_or_else(missing);
+        match (self.edge(node, 0)?, self.edge(node, 1)?) {
+            (Some(Edge::Signal(_)), Some(Edge::Signal(_))) => {
+                Err("of two computed values, expected a constant".into())
+            }
+            (Some(Edge::Signal(signal)), _) => Ok((signal, constant(1)?, false)),
+            (_, Some(Edge::Signal(signal))) => Ok((signal, constant(0)?, true)),
+            _ => Err("of two constants; export with constant folding".into()),
+        }
+    }
+
+    fn step(&self, node: &Node, step: Step) -> Result<Signal, String> {
+        let (signal, by, reversed) = self.pair(node)?;
+        match (reversed, step) {
+            (false, _) | (true, Step::Add | Step::Mul) => signal.step(step, &by),
+            // A constant minus x is -x plus the constant.
+            (true, Step::Sub) => {
+                signal.step(Step::Mul, &Constant::scalar(-1.0)?)?.step(Step::Add, &by)
+            }
+            (true, Step::Div) => Err("a constant by a computed value".into()),
+        }
+    }
+
+    fn gemm(&self, node: &Node, signal: Signal) -> Result<Signal, String> {
+        for (name, wanted) in [("alpha", 1.0), ("beta", 1.0)] {
+            if let Some(x) = attribute(node, name).and_then(|a| a.f).filter(|&x| x != wanted) {
+                return Err(format!("{name} {x}, expected {wanted}"));
+            }
+        }
+        let flag = |name: &str| attribute(node, name).and_then(|a| a.i).unwrap_or(0) != 0;
+        if flag("transA") {
+            return Err("transA, expected the observation by rows".into());
+        }
+        let mut weights = self.constant(node, 1)?.ok_or("its second input is missing")?;
+        if !flag("transB") {
+            weights = Rc::new(weights.transposed()?);
+        }
+        let [outputs, inputs] = weights.matrix()?;
+        let bias = match self.constant(node, 2)? {
+            Some(bias) => bias.spread_over(outputs)?,
+            None => vec![0.0; outputs],
+        };
+        let bias = bias.into_iter().map(|x| x as f32).collect();
+        signal.dense([outputs, inputs], weights.f32s(), bias)
+    }
+
+    /// Evaluates a Gemm with an activation behind it, as ONNX Runtime writes it when it
+    /// optimises a graph.
+    fn fused_gemm(&self, node: &Node, signal: Signal) -> Result<Signal, String> {
+        let sums = self.gemm(node, signal)?;
+        match attribute(node, "activation").and_then(|a| a.s.as_deref()) {
+            Some(b"Relu") => sums.relu(),
+            Some(b"Tanh") => sums.tanh(),
+            other => {
+                let found = other.unwrap_or_default().escape_ascii();
+                Err(format!("activation \"{found}\", expected Relu or Tanh"))
+            }
+        }
+    }
+
+    /// Evaluates (x - offset) * scale.
+    fn scaler(&self, node: &Node, signal: Signal) -> Result<Signal, String> {
+        let numbers = |name: &str| {
+            let numbers = attribute(node, name).map_or(&[][..], |a| &a.floats);
+            let constant = || Constant::row(numbers).map_err(|why| format!("{name}: {why}"));
+            if numbers.is_empty() { Ok(None) } else { constant().map(Some) }
+        };
+        let shifted = match numbers("offset")? {
+            Some(offset) => signal.step(Step::Sub, &offset)?,
+            None => signal,
+        };
+        match numbers("scale")? {
+            Some(scale) => shifted.step(Step::Mul, &scale),
+            None => Ok(shifted),
+        }
+    }
+
+    /// Accepts a reshape that keeps the rows as they are.
+    fn reshape(&self, node: &Node, signal: Signal) -> Result<Signal, String> {
+        let shape = match self.edge(node, 1)? {
+            Some(Edge::Stored(tensor)) => integers(tensor)?,
+            _ => return Err("its shape is not a constant in the file".into()),
+        };
+        let width = i64::try_from(signal.width()).unwrap_or(i64::MAX);
+        let zero_is_zero = attribute(node, "allowzero").and_then(|a| a.i).unwrap_or(0) != 0;
+        match shape[..] {
+            // One row, any number of rows, or as many as there are.
+            [1 | -1, w] if w == width => Ok(signal),
+            [0, w] if !zero_is_zero && (w == width || w == -1) => Ok(signal),
+            [1, -1] => Ok(signal),
+            _ => Err(format!("to {shape:?}, where rows of {width} arrive; an actor keeps them")),
+        }
+    }
+
+    /// Refuses a Dropout in training mode, which zeroes values at random.
+    fn check_dropout(&self, node: &Node) -> Result<(), String> {
+        let training = match self.edge(node, 2)? {
+            None if self.opset < DROPOUT_WITHOUT_TEST => {
+                attribute(node, "is_test").and_then(|a| a.i).unwrap_or(0) == 0
+            }
+            None => false,
+            Some(Edge::Stored(tensor)) => flag(tensor) != Some(false),
+            Some(_) => true,
+        };
+        match training {
+            true => Err("in training mode; export the actor in evaluation mode".into()),
+            false => Ok(()),
+        }
+    }
+
+    fn clip(&self, node: &Node, mut signal: Signal) -> Result<Signal, String> {
+        // The bounds are attributes before opset 11, and inputs since.
+        let bound = |name: &str, index| match attribute(node, name).and_then(|a| a.f) {
+            Some(x) => Constant::scalar(x).map(|c| Some(Rc::new(c))),
+            None => self.constant(node, index),
+        };
+        if let Some(low) = bound("min", 1)? {
+            signal = signal.at_least(&low)?;
+        }
+        if let Some(high) = bound("max", 2)? {
+            signal = signal.at_most(&high)?;
+        }
+        Ok(signal)
+    }
+}
+
+/// Returns the value of a Constant node.
+fn constant(node: &Node) -> Result<Edge<'_>, String> {
+    if let Some(tensor) = attribute(node, "value").and_then(|a| a.t.as_ref()) {
+        return Ok(Edge::Stored(tensor));
+    }
+    match attribute(node, "value_float").and_then(|a| a.f) {
+        Some(x) => Ok(Edge::Constant(Rc::new(Constant::scalar(x)?))),
+        None => Err("neither a tensor nor a number".into()),
+    }
+}
+
+fn attribute<'n>(node: &'n Node, name: &str) -> Option<&'n Attribute> {
+    node.attribute.iter().find(|a| a.name == name)
+}
