@@ -56,7 +56,7 @@ pub enum ImportError {
         candidates: Vec<String>,
     },
     /// Tensors beside the layers could change the actions.
-    #[error("{tensors}: beside the layers {layers}, and the policy would leave it out: {kind}")]
+    #[error("{tensors}: beside the layers {layers}, not used by the policy ({kind})")]
     Unused {
         /// Names and shapes of the tensors.
         tensors: String,

@@ -126,7 +126,9 @@ impl ImportedActor {
                 (Some(_), None) => Some("no observation scale"),
                 (Some(_), Some(_)) => None,
             };
-            text.into_iter().for_each(|text| assume(Subject::Observation, text.into()));
+            if let Some(text) = text {
+                assume(Subject::Observation, text.into());
+            }
         }
         let [low, high] = [self.low.or(action_low), self.high.or(action_high)];
         let text = match (low, high) {
@@ -139,7 +141,9 @@ impl ImportedActor {
             (_, None) => Some(leg_bound("highest", ACTION_HIGH)),
             _ => None,
         };
-        text.into_iter().for_each(|text| assume(Subject::ActionBounds, text));
+        if let Some(text) = text {
+            assume(Subject::ActionBounds, text);
+        }
         let [low, high] = [low.unwrap_or(ACTION_LOW), high.unwrap_or(ACTION_HIGH)];
         let half = |i: usize| 0.5 * (high[i] - low[i]);
         let [scale, offset] = self.action.unwrap_or([
@@ -154,7 +158,9 @@ impl ImportedActor {
                 (_, None) => Some(format!("action offset {}, mid-range", of(offset))),
                 _ => None,
             };
-            text.into_iter().for_each(|text| assume(Subject::ActionScaling, text));
+            if let Some(text) = text {
+                assume(Subject::ActionScaling, text);
+            }
         }
         finite("observation offset", &observation.offset)?;
         finite("observation scale", &observation.scale)?;

@@ -14,6 +14,9 @@ use serde::{Deserialize, Serialize};
 /// would change the file from one run to the next.
 pub const KEY: &str = "leg_actor";
 
+/// The only formula from the last sums to the action.
+const OUTPUT: &str = "clip(offset + scale * tanh(z), low, high)";
+
 /// Everything in a policy except weights and test vectors, as one JSON object.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ModelCard {
@@ -21,7 +24,7 @@ pub struct ModelCard {
     pub name: String,
     /// Activation between layers; always `relu`.
     pub hidden_activation: String,
-    /// Formula from the last sums z to the action, for human readers.
+    /// Formula from the last sums z to the action; always the same.
     pub output: String,
     /// Scaling of the inputs: network input = (observation - offset) * scale.
     pub observation: ObservationScaling,
@@ -53,7 +56,7 @@ impl From<&Policy<'_>> for ModelCard {
         Self {
             name: m.name.into(),
             hidden_activation: "relu".into(),
-            output: "clip(offset + scale * tanh(z), low, high)".into(),
+            output: OUTPUT.into(),
             observation: m.observation,
             action: m.action,
             gains: m.gains.to_vec(),
@@ -90,6 +93,10 @@ impl ModelCard {
         if card.hidden_activation != "relu" {
             let found = format!("{:?}", card.hidden_activation);
             return Err(ImportError::value(key(".hidden_activation"), found, "\"relu\""));
+        }
+        if card.output != OUTPUT {
+            let found = format!("{:?}", card.output);
+            return Err(ImportError::value(key(".output"), found, format!("{OUTPUT:?}")));
         }
         if card.gains.len() > MAX_GAIN_POINTS {
             let (found, most) = (format!("{} points", card.gains.len()), MAX_GAIN_POINTS);

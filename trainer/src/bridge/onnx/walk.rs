@@ -95,7 +95,7 @@ impl<'a> Walk<'a> {
         };
         match (node.domain.as_str(), node.op_type.as_str()) {
             ("" | "ai.onnx", _) => {}
-            ("ai.onnx.ml", "Scaler") => return self.scaler(node, signal()?).map(Edge::Signal),
+            ("ai.onnx.ml", "Scaler") => return scaler(node, signal()?).map(Edge::Signal),
             ("com.microsoft", "FusedGemm") => {
                 return self.fused_gemm(node, signal()?).map(Edge::Signal);
             }
@@ -243,23 +243,6 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// Evaluates (x - offset) * scale.
-    fn scaler(&self, node: &Node, signal: Signal) -> Result<Signal, String> {
-        let numbers = |name: &str| {
-            let numbers = attribute(node, name).map_or(&[][..], |a| &a.floats);
-            let constant = || Constant::row(numbers).map_err(|why| format!("{name}: {why}"));
-            if numbers.is_empty() { Ok(None) } else { constant().map(Some) }
-        };
-        let shifted = match numbers("offset")? {
-            Some(offset) => signal.step(Step::Sub, &offset)?,
-            None => signal,
-        };
-        match numbers("scale")? {
-            Some(scale) => shifted.step(Step::Mul, &scale),
-            None => Ok(shifted),
-        }
-    }
-
     /// Accepts a reshape that keeps the rows as they are.
     fn reshape(&self, node: &Node, signal: Signal) -> Result<Signal, String> {
         let shape = match self.edge(node, 1)? {
@@ -287,10 +270,10 @@ impl<'a> Walk<'a> {
             Some(Edge::Stored(tensor)) => flag(tensor) != Some(false),
             Some(_) => true,
         };
-        match training {
-            true => Err("in training mode; export the actor in evaluation mode".into()),
-            false => Ok(()),
+        if training {
+            return Err("in training mode; export the actor in evaluation mode".into());
         }
+        Ok(())
     }
 
     fn clip(&self, node: &Node, mut signal: Signal) -> Result<Signal, String> {
@@ -317,6 +300,23 @@ fn constant(node: &Node) -> Result<Edge<'_>, String> {
     match attribute(node, "value_float").and_then(|a| a.f) {
         Some(x) => Ok(Edge::Constant(Rc::new(Constant::scalar(x)?))),
         None => Err("neither a tensor nor a number".into()),
+    }
+}
+
+/// Evaluates (x - offset) * scale.
+fn scaler(node: &Node, signal: Signal) -> Result<Signal, String> {
+    let numbers = |name: &str| {
+        let numbers = attribute(node, name).map_or(&[][..], |a| &a.floats);
+        let constant = || Constant::row(numbers).map_err(|why| format!("{name}: {why}"));
+        if numbers.is_empty() { Ok(None) } else { constant().map(Some) }
+    };
+    let shifted = match numbers("offset")? {
+        Some(offset) => signal.step(Step::Sub, &offset)?,
+        None => signal,
+    };
+    match numbers("scale")? {
+        Some(scale) => shifted.step(Step::Mul, &scale),
+        None => Ok(shifted),
     }
 }
 

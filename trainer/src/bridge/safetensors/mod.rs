@@ -51,6 +51,9 @@ pub fn import(bytes: &[u8], options: &StateDictOptions<'_>) -> Result<ImportedAc
     let Found { row, scale_and_bias, ignored } = state_dict::find(&tensors, &known)?;
     let layers = row.iter().map(|linear| layer(&file, linear)).collect::<Result<_, _>>()?;
     let mut taken = vec![format!("layers {}", names_of(&row))];
+    if card.is_some() {
+        taken.push("the scalings of its metadata".into());
+    }
     let mut action = card.as_ref().map(|c| [c.action.scale, c.action.offset]);
     if let Some(names) = scale_and_bias {
         if action.is_some() {

@@ -98,7 +98,7 @@ fn layers_of_several_modules_can_be_named() {
 }
 
 /// An actor in the module `net.pi`, with other tensors beside it.
-fn beside<'a>(more: Shapes<'a>) -> Vec<(&'a str, &'a [usize])> {
+fn beside(more: Shapes<'_>) -> Vec<super::Named<'_>> {
     let actor: Shapes<'_> = &[
         ("net.pi.0.weight", &[9, 3]),
         ("net.pi.0.bias", &[9]),

@@ -2,7 +2,7 @@
 
 use super::{Linear, Named, StateDictOptions, names_of, shortened};
 use crate::bridge::ImportError;
-use leg_control::actor::OUTPUTS;
+use leg_control::actor::{INPUTS, OUTPUTS};
 
 /// Names of the tensors by which `CleanRL` scales the tanh of its actors.
 const SCALE_AND_BIAS: [&str; 2] = ["action_scale", "action_bias"];
@@ -56,11 +56,10 @@ pub(super) fn sort(
         }
     }
     if !unknown.is_empty() {
-        let kind = unknown.iter().find_map(|(name, shape)| kind(name, shape));
         return Err(ImportError::Unused {
             tensors: shortened(unknown.iter().map(|(name, shape)| format!("{name:?} {shape:?}"))),
             layers: names_of(row),
-            kind: kind.unwrap_or("what it does is not known"),
+            kind: kind(&unknown),
         });
     }
     if let Some(tensor) = deviation {
@@ -109,26 +108,28 @@ fn is_deviation(part: &str) -> bool {
         || part == "std"
 }
 
-/// Returns a guess at what a tensor belongs to.
-fn kind(name: &str, shape: &[usize]) -> Option<&'static str> {
-    let last = name.rsplit('.').next().unwrap_or(name);
-    match (last, shape) {
-        ("running_mean" | "running_var" | "num_batches_tracked", _) if shape != [3] => {
-            Some("batch normalisation; fold it into the layer before it")
-        }
-        (_, [3]) => Some("perhaps a scaling of the observation"),
-        ("weight_g" | "weight_v" | "original0" | "original1", _) => {
-            Some("weight normalisation; remove its parametrisation before saving")
-        }
-        _ if last.starts_with("weight_ih") || last.starts_with("weight_hh") => {
-            Some("a recurrent layer, which the controller does not have")
-        }
-        ("action_scale" | "action_bias", _) => Some("a scaling of the actions, not in a pair"),
-        ("weight" | "bias", [_]) => {
-            Some("perhaps a normalisation, which the controller does not have")
-        }
-        ("weight", [_, _]) => Some("perhaps another layer"),
-        _ => None,
+/// Returns a guess at what tensors belong to.
+fn kind(tensors: &[Named<'_>]) -> &'static str {
+    let last = |name: &str| name.rsplit('.').next().unwrap_or_default().to_owned();
+    let any = |holds: &dyn Fn(&str, &[usize]) -> bool| {
+        tensors.iter().any(|(name, shape)| holds(&last(name), shape))
+    };
+    if any(&|_, shape| shape == [INPUTS]) {
+        "perhaps a scaling of the observation"
+    } else if any(&|name, _| name.starts_with("weight_ih") || name.starts_with("weight_hh")) {
+        "a recurrent layer, which the controller does not have"
+    } else if any(&|name, _| ["weight_g", "weight_v", "original0", "original1"].contains(&name)) {
+        "weight normalisation; remove its parametrisation before saving"
+    } else if any(&|name, _| name.starts_with("running_") || name == "num_batches_tracked") {
+        "batch normalisation; fold it into the layer before it"
+    } else if any(&|name, _| SCALE_AND_BIAS.contains(&name)) {
+        "a scaling of the actions, not in a pair"
+    } else if any(&|name, shape| name == "weight" && shape.len() == 2) {
+        "perhaps another layer"
+    } else if any(&|name, _| name == "weight" || name == "bias") {
+        "perhaps a normalisation, which the controller does not have"
+    } else {
+        "what it does is not known"
     }
 }
 

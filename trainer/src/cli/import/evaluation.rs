@@ -22,14 +22,14 @@ pub(super) fn line(actor: &Actor<'_>) -> String {
     let shares =
         MEDIA.map(|(rho, name)| (survival(actor, &hopper(rho), rho, &starts).survive30, name));
     let each = shares.map(|(share, name)| format!("{:.1} % {name}", 100.0 * share));
-    let mut text = format!(
+    let text = format!(
         "Evaluated: keeps hopping for {HOPS} hops from {} of {STARTS} starts",
         each.join(", ")
     );
     let falls: Vec<&str> =
         shares.iter().filter(|(share, _)| *share < FALLS_BELOW).map(|&(_, name)| name).collect();
-    if !falls.is_empty() {
-        text += &format!("; it falls {}, where no gains help", falls.join(" and "));
+    if falls.is_empty() {
+        return text;
     }
-    text
+    format!("{text}; it falls {}, where no gains help", falls.join(", "))
 }

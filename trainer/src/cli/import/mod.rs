@@ -89,8 +89,8 @@ fn hinted(error: ImportError) -> anyhow::Error {
         }
         ImportError::Ambiguous { .. } => anyhow!("{error}; choose one with --layers"),
         ImportError::Unused { .. } => anyhow!(
-            "{error}; give what it does by options, such as --observation-offset, and leave out \
-             by --ignore what does not change the actions"
+            "{error}; leave out by --ignore what does not change the actions, or what you give by \
+             options, such as --observation-offset"
         ),
         ImportError::Gaussian { .. } => {
             anyhow!("{error}; if that of this one does, too, state --output-activation tanh")

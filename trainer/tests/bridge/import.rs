@@ -107,11 +107,9 @@ impl Place {
 
     /// Writes observations with actions.
     fn observations(&self, rows: &[[f64; 5]]) {
-        let mut text = "vx,y,rho,alpha,rs\n".to_owned();
-        for row in rows {
-            text += &format!("{}\n", row.map(|x| x.to_string()).join(","));
-        }
-        self.write("obs.csv", text);
+        let lines = rows.iter().map(|row| row.map(|x| x.to_string()).join(","));
+        let lines: Vec<String> = std::iter::once("vx,y,rho,alpha,rs".into()).chain(lines).collect();
+        self.write("obs.csv", lines.join("\n"));
     }
 
     /// Writes one observation with its action.
@@ -124,7 +122,8 @@ impl Place {
 /// Spreads a tanh over the leg's actions.
 fn spread([a, r]: [f64; 2]) -> [f64; 2] {
     let pi = std::f64::consts::PI;
-    [pi / 10.0 + (a + 1.0) / 2.0 * (pi / 1.2 - pi / 10.0), r + 1.0]
+    let (low, high) = (pi / 10.0, pi / 1.2);
+    [low + (high - low) * (a / 2.0 + 0.5), r + 1.0]
 }
 
 fn relu(x: f64) -> f64 {
@@ -196,7 +195,7 @@ fn every_other_tensor_of_the_actor_is_applied_or_refused_by_name() {
     let names = "\"1.bias\" [8], \"1.weight\" [8], \"4.bias\" [8], \"4.weight\" [8]: beside the \
                  layers 0,3,6";
     assert!(error.contains(names) && error.contains("perhaps a normalisation"), "{error}");
-    assert!(error.contains("leave out by --ignore what does not"), "{error}");
+    assert!(error.contains("leave out by --ignore what does not change the actions"), "{error}");
     let statistics = [row("1.running_mean", &[1.0; 8]), row("1.running_var", &[4.0; 8])];
     let error = refused(["0", "3", "6"], &statistics);
     assert!(error.contains("batch normalisation; fold it into the layer before it"), "{error}");

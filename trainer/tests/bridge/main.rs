@@ -1,0 +1,8 @@
+//! Actors and environments shared with other programs.
+
+mod c;
+mod c_firmware;
+mod environment;
+mod exchange;
+mod import;
+mod python;
