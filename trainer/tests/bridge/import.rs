@@ -144,6 +144,9 @@ fn a_plain_actor_answers_as_in_its_framework() {
                   --action-offset 1,0.5 --action-scale 1,1";
     let text = place.import(&format!("--safetensors a.safetensors {stated}")).unwrap();
     assert!(!text.contains("Assumed"), "{text}");
+    let formula = "Actor: (vx, y, rho) less (0, 0, 0), times (1, 1, 1); \
+                   alpha = 1 + 1 tanh, from 0.5 to 2 rad; rs = 0.5 + 1 tanh, from 0 to 1 m/s\n";
+    assert!(text.contains(formula), "{text}");
 }
 
 #[test]

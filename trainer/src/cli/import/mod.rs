@@ -9,7 +9,7 @@ use super::{Failure, failed, input};
 use crate::bridge::ImportError;
 use crate::bridge::imported::{CompleteActor, Subject};
 use crate::evaluate::gains::search;
-use crate::policy::{PolicyInfo, blob, blob_with_manifest};
+use crate::policy::{PackedActor, PolicyInfo, blob, blob_with_manifest};
 use anyhow::{Context, anyhow};
 use indicatif::{ProgressBar, ProgressStyle};
 use leg_control::policy::{GainPoint, Policy};
@@ -156,7 +156,26 @@ fn report(
         text += "\nAssumed: ";
         text += &each.join("; ");
     }
+    text += "\n";
+    text += &formula(&imported.actor);
     Ok(text)
+}
+
+/// Returns the actor's scalings and bounds in words.
+fn formula(actor: &PackedActor) -> String {
+    let (o, a) = (&actor.observation, &actor.action);
+    let list = |x: [f32; 3]| x.map(|x| x.to_string()).join(", ");
+    let output = |i: usize, name: &str, unit: &str| {
+        let (offset, scale, low, high) = (a.offset[i], a.scale[i], a.low[i], a.high[i]);
+        format!("{name} = {offset} + {scale} tanh, from {low} to {high} {unit}")
+    };
+    format!(
+        "Actor: (vx, y, rho) less ({}), times ({}); {}; {}",
+        list(o.offset),
+        list(o.scale),
+        output(0, "alpha", "rad"),
+        output(1, "rs", "m/s")
+    )
 }
 
 /// Returns the options that replace an assumption.
