@@ -261,6 +261,7 @@ fn log(what: impl fmt::Display) {
 /// status.
 #[must_use]
 pub fn main(call: &Call) -> ExitCode {
+    leg_process::signals::report_size_limit();
     let done = match &call.command {
         Some(Command::Running(command)) => return commands::main(command),
         Some(Command::Bench(args)) => bench::run(args).map_err(CliError::from),

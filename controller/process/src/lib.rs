@@ -1,12 +1,14 @@
 //! Process-level services that every program of this workspace uses:
 //!
-//! - [`signals`]: a stop flag raised by SIGINT, SIGTERM and SIGHUP.
+//! - [`signals`]: a stop flag raised by signals; the limit of file sizes as an error.
 //! - [`stdout`]: printing that tolerates a closed pipe.
+//! - [`remedy`]: what helps against an error of the system.
 //! - [`atomic_file`]: output files that appear complete or not at all.
 //! - [`policy_file`]: policy blobs read into suitably aligned memory.
 
 pub mod atomic_file;
 pub mod policy_file;
+pub mod remedy;
 pub mod signals;
 pub mod stdout;
 

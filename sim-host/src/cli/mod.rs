@@ -72,6 +72,7 @@ enum Command {
 /// Runs the program and returns its exit status.
 #[must_use]
 pub fn main() -> ExitCode {
+    leg_process::signals::report_size_limit();
     let outcome =
         if faults::is_requested() { faults::main() } else { run_command(&Program::parse()) };
     outcome.unwrap_or_else(|error| {

@@ -9,12 +9,10 @@ use std::io::{self, BufReader, BufWriter, Write};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
 
 use mcap::WriteOptions;
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use super::pipe::{self, Frame};
 use super::schema::{Channel, DESCRIPTORS, PROFILE};
@@ -62,10 +60,7 @@ pub fn main(path: &Path) -> ExitCode {
 fn detach() -> io::Result<()> {
     // Fails only for a process that leads a session already, which is as good.
     let _ = rustix::process::setsid();
-    for signal in [SIGHUP, SIGINT, SIGTERM] {
-        signal_hook::flag::register(signal, Arc::default())?;
-    }
-    Ok(())
+    leg_process::signals::disregard_stop_signals()
 }
 
 fn write(path: &Path, ready: impl FnOnce()) -> io::Result<u64> {

@@ -49,6 +49,8 @@ pub enum Requirement {
     Ptrace,
     /// The rights of the superuser.
     Root,
+    /// A mount namespace of its own, which needs the rights of the superuser and `unshare`.
+    Mounts,
     /// The program `script`, which provides a terminal.
     Script,
     /// A SIGHUP that is not ignored, as it is under `nohup`.
@@ -57,7 +59,7 @@ pub enum Requirement {
 
 impl Requirement {
     /// Every requirement there is.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Qemu,
         Self::Gcc,
         Self::Gxx,
@@ -69,6 +71,7 @@ impl Requirement {
         Self::Chromium,
         Self::Ptrace,
         Self::Root,
+        Self::Mounts,
         Self::Script,
         Self::Sighup,
     ];
@@ -88,6 +91,7 @@ impl Requirement {
             Self::Chromium => "chromium",
             Self::Ptrace => "ptrace",
             Self::Root => "root",
+            Self::Mounts => "mounts",
             Self::Script => "script",
             Self::Sighup => "sighup",
         }
@@ -265,6 +269,20 @@ pub fn root() -> bool {
     let effective = user.and_then(|ids| ids.split_whitespace().nth(1));
     let found = if effective == Some("0") { Ok(()) } else { Err("only root may do this".into()) };
     Requirement::Root.check(found).is_some()
+}
+
+/// Returns whether a test may mount file systems in a mount namespace of its own, as
+/// `unshare --mount` provides it.
+#[must_use]
+pub fn mounts() -> bool {
+    let mut command = Command::new("unshare");
+    command.args(["--mount", "true"]).stdin(Stdio::null()).stderr(Stdio::null());
+    let found = match command.status() {
+        Ok(status) if status.success() => Ok(()),
+        Ok(_) => Err("this process may not create a mount namespace".into()),
+        Err(error) => Err(format!("`unshare` cannot be run ({error})")),
+    };
+    Requirement::Mounts.check(found).is_some()
 }
 
 /// Returns whether a SIGHUP reaches the programs that this test starts: they inherit
