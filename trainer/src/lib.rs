@@ -22,4 +22,5 @@ pub mod trained;
 pub mod run;
 pub mod simd;
 pub mod study;
+pub mod threads;
 pub mod train;

@@ -133,6 +133,12 @@ fn input_errors_name_the_cause_with_status_2() {
 
 #[test]
 fn a_signal_stops_a_training_with_a_checkpoint() {
+    for signal in ["-INT", "-USR1", "-USR2", "-XCPU"] {
+        is_stopped_by(signal);
+    }
+}
+
+fn is_stopped_by(signal: &str) {
     let directory = tempfile::tempdir().unwrap();
     let child = Command::new(env!("CARGO_BIN_EXE_trainer"))
         .args(["train", "--preset", "air", "--steps", "1000000000", "--out", "p.bin"])
@@ -148,7 +154,7 @@ fn a_signal_stops_a_training_with_a_checkpoint() {
         std::thread::sleep(Duration::from_millis(20));
     }
     std::thread::sleep(Duration::from_millis(300));
-    let kill = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    let kill = Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap();
     assert!(kill.success());
     let output = child.wait_with_output().unwrap();
     let error = text(&output.stderr);

@@ -177,6 +177,99 @@ fn a_kill_after_the_policy_is_written_loses_nothing() {
     assert_eq!(names(path), ["p.bin", "p.csv"]);
 }
 
+/// Moves a file or folder between two resumptions from different folders, and copies one.
+#[test]
+fn a_training_resumes_wherever_its_files_are_and_from_any_folder() {
+    let whole = tempfile::tempdir().unwrap();
+    let arguments = ["--preset", "air", "--steps", "3000", "--seed", "1"];
+    assert!(output(&arguments, whole.path()).status.success());
+    let expected = ["p.bin", "p.csv"].map(|name| fs::read(whole.path().join(name)).unwrap());
+
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let run = |directory: &Path, line: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_trainer"));
+        command.args(["train", "--eval-starts", "0", "--quiet"]).args(line.split(' '));
+        command.current_dir(directory).stderr(Stdio::piped()).stdout(Stdio::piped());
+        command.spawn().unwrap()
+    };
+    for name in ["runs/a", "logs", "elsewhere"] {
+        fs::create_dir_all(at(name)).unwrap();
+    }
+    let begin = "--preset air --steps 3000 --seed 1 --checkpoint-every 0.02";
+    let kill = |mut child: Child, out: &Path| {
+        let checkpoint = trainer::run::checkpoint::path(out);
+        let (began, mut seen) = (Instant::now(), 0);
+        let inode = || fs::metadata(&checkpoint).map_or(0, |m| m.ino());
+        let mut last = inode();
+        while seen < 4 {
+            assert!(
+                began.elapsed() < Duration::from_mins(1) && child.try_wait().unwrap().is_none()
+            );
+            let now = inode();
+            (seen, last) = (seen + usize::from(now != last), now);
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        child.kill().unwrap();
+        child.wait().unwrap();
+    };
+    let finish = |directory: &Path, line: &str, out: &Path, log: &Path| {
+        let output = run(directory, line).wait_with_output().unwrap();
+        assert!(output.status.success(), "{line}: {}", error(&output));
+        assert!(fs::read(out).unwrap() == expected[0], "{line}");
+        assert!(fs::read(log).unwrap() == expected[1], "{line}");
+    };
+
+    // From another folder; then the folder is moved, and copied.
+    kill(run(&at("runs/a"), &format!("--out p.bin {begin}")), &at("runs/a/p.bin"));
+    let resume = "--resume --checkpoint-every 0.02 --out runs/a/p.bin";
+    kill(run(folder.path(), resume), &at("runs/a/p.bin"));
+    fs::rename(at("runs/a"), at("runs/b")).unwrap();
+    fs::create_dir(at("runs/copy")).unwrap();
+    for name in ["p.bin.checkpoint", "p.csv.part"] {
+        fs::copy(at("runs/b").join(name), at("runs/copy").join(name)).unwrap();
+    }
+    let line = format!("--resume --out {}", at("runs/copy/p.bin").display());
+    finish(&at("elsewhere"), &line, &at("runs/copy/p.bin"), &at("runs/copy/p.csv"));
+    assert_eq!(names(&at("runs/b")), ["p.bin.checkpoint", "p.csv.part"]);
+    // The files are renamed.
+    fs::rename(at("runs/b/p.bin.checkpoint"), at("runs/b/q.0.1.checkpoint")).unwrap();
+    fs::rename(at("runs/b/p.csv.part"), at("runs/b/q.0.1.csv.part")).unwrap();
+    let line = "--resume --out ../runs/b/q.0.1";
+    finish(&at("elsewhere"), line, &at("runs/b/q.0.1"), &at("runs/b/q.0.1.csv"));
+
+    // A log in another folder; both are moved, and it is found as seen from the policy.
+    let line = format!("--out runs/p.bin --log logs/l.csv {begin}");
+    kill(run(folder.path(), &line), &at("runs/p.bin"));
+    fs::create_dir(at("moved")).unwrap();
+    fs::rename(at("runs"), at("moved/runs")).unwrap();
+    fs::rename(at("logs"), at("moved/logs")).unwrap();
+    let line = "--resume --out ../moved/runs/p.bin";
+    finish(&at("elsewhere"), line, &at("moved/runs/p.bin"), &at("moved/logs/l.csv"));
+}
+
+#[test]
+fn advice_that_loses_a_checkpoint_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let begin = ["--preset", "water", "--episodes", "100000", "--checkpoint-every", "0.001"];
+    let mut child = trainer(&begin, path).spawn().unwrap();
+    assert!(kill_at(&mut child, path, Moment::Checkpoints(5)));
+    fs::rename(path.join("p.csv.part"), path.join("lost")).unwrap();
+    let refused = output(&["--resume"], path);
+    let message = error(&refused);
+    assert_eq!(refused.status.code(), Some(2), "{message}");
+    assert!(message.contains("name the checkpoint's log with --log"), "{message}");
+    assert!(message.contains("--restart would discard the checkpoint"), "{message}");
+    // The advice can be followed.
+    fs::rename(path.join("lost"), path.join("found.csv.part")).unwrap();
+    let mut child = trainer(&["--resume", "--log", "found.csv"], path).spawn().unwrap();
+    std::thread::sleep(Duration::from_millis(300));
+    assert!(child.try_wait().unwrap().is_none(), "it resumes");
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
+
 #[test]
 fn refuses_a_checkpoint_that_cannot_be_used() {
     let folder = tempfile::tempdir().unwrap();

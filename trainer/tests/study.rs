@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -193,7 +194,91 @@ fn input_errors_name_the_cause_with_status_2() {
 }
 
 #[test]
+fn workers_on_one_folder_share_the_seeds() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    let line = "study --preset air --steps 300 --eval-starts 20 --seeds 0..6 --out";
+    let table = run(&format!("{line} whole"), at);
+    let worker = || {
+        let mut command = command(&format!("{line} shared"), at);
+        command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+    };
+    let workers: Vec<_> = (0..4).map(|_| worker()).collect();
+    let outputs = workers.into_iter().map(|worker| worker.wait_with_output().unwrap());
+    let mut trained = 0;
+    for output in outputs {
+        let error = text(&output.stderr);
+        assert!(output.status.success(), "{error}");
+        assert_eq!(text(&output.stdout).replace("shared: ", "whole: "), table);
+        trained += error.matches(": survive30 ").count();
+    }
+    assert_eq!(trained, 6, "each seed is trained once");
+    assert_same(&at.join("whole"), &at.join("shared"));
+}
+
+/// The test holds a seed's lock as a worker does that trains it, and drops it as one that is
+/// killed.
+#[test]
+fn a_worker_waits_for_the_seed_of_another_and_takes_it_over() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    let line = "study --preset air --steps 300 --eval-starts 20 --seeds 0..2 --out s";
+    fs::create_dir_all(at.join("s/seeds/0000")).unwrap();
+    let lock = fs::File::open(at.join("s/seeds/0000")).unwrap();
+    lock.try_lock().unwrap();
+    fs::write(at.join("s/seeds/0000/.tmp1-0"), "half").unwrap();
+    let mut command_line = command(line, at);
+    let mut worker = command_line.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut lines = BufReader::new(worker.stderr.take().unwrap()).lines();
+    let mut seen = Vec::new();
+    while !seen.iter().any(|line: &String| line.contains("waiting for other processes")) {
+        seen.push(lines.next().expect("it waits").unwrap());
+    }
+    assert!(seen.iter().any(|line| line.starts_with("seed 1: survive30")), "{seen:?}");
+    assert!(at.join("s/seeds/0000/.tmp1-0").exists(), "a temporary file of the living");
+    // Another process may not merge into that folder, either.
+    run("study --preset air --steps 300 --eval-starts 20 --seeds 0..2 --out t", at);
+    let output = command("study merge t --out s", at).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(text(&output.stderr).contains("s: another process trains seed 0"));
+    drop(lock);
+    assert!(worker.wait().unwrap().success());
+    assert_same(&at.join("s"), &at.join("t"));
+}
+
+/// `figures` and `kept_steps` are `metrics` and `best_steps` since the names were revised.
+#[test]
+fn continues_and_merges_a_folder_with_the_former_names() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    let line = "study --preset air --steps 300 --eval-starts 20 --seeds 0..2 --out";
+    let table = run(&format!("{line} new"), at);
+    run(&format!("{line} old"), at);
+    for seed in ["0000", "0001"] {
+        let report = at.join("old/seeds").join(seed).join("report.json");
+        let json = fs::read_to_string(&report).unwrap();
+        let former = json.replace("\"metrics\"", "\"figures\"");
+        let former = former.replace("\"best_steps\"", "\"kept_steps\"");
+        assert_ne!(json, former);
+        fs::write(&report, former.replace("\"conditions\"", "\"elsewhere\"")).unwrap();
+    }
+    let output = command(&format!("{line} old"), at).output().unwrap();
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("2 of 2 seeds are already complete"));
+    assert_eq!(text(&output.stdout).replace("old: ", "new: "), table);
+    let output = command("study merge old new --out joined", at).output().unwrap();
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert_eq!(text(&output.stdout).replace("joined: ", "new: "), table);
+}
+
+#[test]
 fn a_signal_stops_a_study_between_files() {
+    for signal in ["-INT", "-USR1", "-USR2", "-XCPU"] {
+        is_stopped_by(signal);
+    }
+}
+
+fn is_stopped_by(signal: &str) {
     let directory = tempfile::tempdir().unwrap();
     let at = directory.path();
     let line = "study --preset air --steps 1000000000 --seeds 0..2 --out s";
@@ -204,11 +289,11 @@ fn a_signal_stops_a_study_between_files() {
     }
     // The signal handlers are installed right after the folder is created.
     std::thread::sleep(Duration::from_millis(300));
-    let kill = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    let kill = Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap();
     assert!(kill.success());
     let output = child.wait_with_output().unwrap();
     let error = text(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{error}");
-    assert!(error.contains("stopped by a signal after 0 of 2 seeds"), "{error}");
+    assert!(error.contains("stopped by a signal after 0 of 2 seeds"), "{signal}: {error}");
     assert_eq!(files(&at.join("s")).keys().collect::<Vec<_>>(), ["study.toml"]);
 }

@@ -4,28 +4,113 @@
 
 use prost::Message;
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::Duration;
 use trainer::run::tensorboard::{Event, masked};
 
-/// Returns the events of a file; every frame must be complete.
-fn events(path: &Path) -> Vec<Event> {
+/// Returns the events of a file, and whether its last frame is complete.
+fn events(path: &Path) -> (Vec<Event>, bool) {
     let bytes = std::fs::read(path).unwrap();
-    let mut rest = &bytes[..];
-    let mut take = |n: usize| {
-        let (taken, after) = rest.split_at_checked(n)?;
-        rest = after;
-        Some(taken)
-    };
     let mut events = Vec::new();
-    while let Some(length) = take(8) {
-        let crc = |bytes: &[u8]| u32::from_le_bytes(bytes.try_into().unwrap());
-        assert_eq!(crc(take(4).unwrap()), masked(length));
-        let record = take(u64::from_le_bytes(length.try_into().unwrap()) as usize).unwrap();
-        assert_eq!(crc(take(4).unwrap()), masked(record));
-        events.push(Event::decode(record).unwrap());
+    let mut rest = &bytes[..];
+    let crc = |bytes: &[u8]| u32::from_le_bytes(bytes.try_into().unwrap());
+    let frame = |rest: &mut &[u8]| {
+        let mut take = |n: usize| {
+            let (taken, after) = rest.split_at_checked(n)?;
+            *rest = after;
+            Some(taken)
+        };
+        let (length, check) = (take(8)?, take(4)?);
+        assert_eq!(crc(check), masked(length));
+        let record = take(u64::from_le_bytes(length.try_into().unwrap()) as usize)?;
+        assert_eq!(crc(take(4)?), masked(record));
+        Some(Event::decode(record).unwrap())
+    };
+    while !rest.is_empty() {
+        let Some(event) = frame(&mut rest) else { return (events, false) };
+        events.push(event);
     }
-    events
+    (events, true)
+}
+
+fn files(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).unwrap();
+    let mut files: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
+    files.sort();
+    files
+}
+
+/// Runs a short training of `--out OUT` with a seed; `more` are further options.
+fn train(folder: &Path, out: &str, seed: u32, more: &str) {
+    let line = format!(
+        "train --preset air --episodes 40 --eval-starts 0 --quiet --tensorboard board \
+         --out {out} --seed {seed} {more}"
+    );
+    let output = Command::new(env!("CARGO_BIN_EXE_trainer"))
+        .args(line.split_whitespace())
+        .current_dir(folder)
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{line}: {}", String::from_utf8_lossy(&output.stderr));
+}
+
+/// Number of episodes that TensorBoard shows of the files of a run: a session start drops what
+/// earlier events have at its step and later ones.
+fn shown(folder: &Path) -> usize {
+    let mut steps = Vec::new();
+    for event in files(folder).iter().flat_map(|path| events(path).0) {
+        if event.session_log.is_some() {
+            steps.retain(|&step| step < event.step);
+        }
+        let values = || event.summary.iter().flat_map(|summary| &summary.value);
+        if values().any(|value| value.tag == "episode/reward") {
+            steps.push(event.step);
+        }
+    }
+    steps.len()
+}
+
+#[test]
+fn trainings_that_share_a_folder_keep_all_their_curves() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    std::fs::create_dir(at.join("other")).unwrap();
+    train(at, "s1.bin", 1, "");
+    train(at, "s2.bin", 2, "");
+    train(at, "other/s1.bin", 3, "");
+    // The same training anew: its curve replaces the old one.
+    train(at, "s2.bin", 2, "");
+    let board = at.join("board");
+    assert_eq!(files(&board), ["s1", "s1-2", "s2"].map(|name| board.join(name)));
+    for (name, count) in [("s1", 1), ("s1-2", 1), ("s2", 2)] {
+        assert_eq!(files(&board.join(name)).len(), count, "{name}");
+        assert_eq!(shown(&board.join(name)), 40, "{name}");
+    }
+}
+
+#[test]
+fn a_resumed_training_continues_its_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let line = "train --preset air --steps 3000 --checkpoint-every 0.05 --eval-starts 0 --quiet \
+                --tensorboard board --out p.bin --resume";
+    let command = || {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_trainer"));
+        command.args(line.split_whitespace()).current_dir(at);
+        command
+    };
+    let mut child = command().spawn().unwrap();
+    while !at.join("p.bin.checkpoint").exists() {
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    std::thread::sleep(Duration::from_millis(200));
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(command().status().unwrap().success());
+    assert_eq!(files(&at.join("board")), [at.join("board/p")]);
+    let rows = csv::Reader::from_path(at.join("p.csv")).unwrap().into_records().count();
+    assert_eq!(shown(&at.join("board/p")), rows);
 }
 
 #[test]
@@ -43,9 +128,10 @@ fn an_event_file_has_every_episode_and_evaluation() {
         .output()
         .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let files: Vec<_> = std::fs::read_dir(folder.path().join("board")).unwrap().collect();
+    let files = files(&folder.path().join("board/p"));
     assert_eq!(files.len(), 1);
-    let events = events(&files[0].as_ref().unwrap().path());
+    let (events, is_complete) = events(&files[0]);
+    assert!(is_complete);
     assert_eq!(events[0].file_version.as_deref(), Some("brain.Event:2"));
     assert_eq!(events[1].session_log.map(|s| s.status), Some(1));
 

@@ -11,6 +11,8 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1, SIGUSR2, SIGXCPU, SI
 use signal_hook::iterator::Signals;
 use signal_hook::{flag, low_level};
 
+use crate::remedy;
+
 /// Signals within this time of the first count as one: `timeout` sends two, and a
 /// terminal signals every process of a group, whose parent then signals it again.
 const GRACE: Duration = Duration::from_millis(500);
@@ -69,7 +71,11 @@ impl Stop {
         thread::Builder::new()
             .name("signals".to_owned())
             .stack_size(STACK)
-            .spawn(move || exit_on_second_signal(signals))?;
+            .spawn(move || exit_on_second_signal(signals))
+            .map_err(|e| {
+                let text = format!("no thread can be started ({e}); {}", remedy::OF_THREAD);
+                io::Error::new(e.kind(), text)
+            })?;
         Ok(stop)
     }
 

@@ -2,17 +2,17 @@
 //! cannot be used.
 
 use std::fs;
-use std::io::{IsTerminal, stderr};
+use std::io::{self, IsTerminal, stderr};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context as _, anyhow};
+use anyhow::anyhow;
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use leg_process::atomic_file;
-use leg_process::stdout;
+use leg_process::{atomic_file, remedy, signals, stdout};
+use trainer::threads::{Threads, redraw};
 
 use crate::{
     Claim, Extent, Figure, FigureContext, FiguresError, Reference, RenderedFigure, all, report,
@@ -71,7 +71,10 @@ impl From<FiguresError> for Failure {
     fn from(error: FiguresError) -> Self {
         match error {
             FiguresError::Reference { .. } => input(error),
-            FiguresError::Write { .. } => failed(anyhow!("{error}; {OUT_HINT}")),
+            FiguresError::Write { ref cause, .. } => {
+                let hint = remedy::of_write(cause).unwrap_or(OUT_HINT);
+                failed(anyhow!("{error}; {hint}"))
+            }
             _ => failed(error),
         }
     }
@@ -80,6 +83,7 @@ impl From<FiguresError> for Failure {
 /// Runs the program and returns its exit status.
 #[must_use]
 pub fn main() -> ExitCode {
+    signals::report_size_limit();
     let (error, status) = match run(&Arguments::parse()) {
         Ok(()) => return ExitCode::SUCCESS,
         Err(Failure::Input(error)) => (error, 2),
@@ -89,13 +93,23 @@ pub fn main() -> ExitCode {
     ExitCode::from(status)
 }
 
+fn unwritten(path: &Path) -> impl FnOnce(io::Error) -> Failure {
+    |cause| FiguresError::Write { path: path.into(), cause }.into()
+}
+
 fn write(path: &Path, text: &str) -> Result<(), Failure> {
-    atomic_file::write(path, text.as_bytes())
-        .with_context(|| format!("cannot write {}; {OUT_HINT}", path.display()))
-        .map_err(failed)
+    atomic_file::write(path, text.as_bytes()).map_err(unwritten(path))
 }
 
 fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let threads = Threads::start().map_err(failed)?;
+    if let Some(shortage) = threads.shortage() {
+        eprintln!("paper-figures: {shortage}");
+    }
+    threads.pool.install(|| render(arguments))
+}
+
+fn render(arguments: &Arguments) -> Result<(), Failure> {
     let began = Instant::now();
     let extent = if arguments.quick { Extent::Quick } else { Extent::Full };
     let figures = chosen(&arguments.only)?;
@@ -104,6 +118,9 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     let bar = bar(costs.iter().sum());
     let ctx = FigureContext::open(extent, reference, &arguments.out.join("cache"), bar.clone())?;
 
+    let path = arguments.out.join("report.html");
+    // Before the figures: the results must be writable.
+    atomic_file::check(&path).map_err(unwritten(&path))?;
     let mut rendered: Vec<(&dyn Figure, RenderedFigure)> = Vec::new();
     let mut until_s = 0.0;
     for (figure, cost_s) in figures.iter().zip(costs) {
@@ -123,7 +140,6 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     bar.finish_and_clear();
 
-    let path = arguments.out.join("report.html");
     write(&path, &report(&rendered, &provenance(&ctx, began.elapsed())))?;
     stdout::print_line(summary(&rendered, &path, began.elapsed())).map_err(failed)
 }
@@ -168,7 +184,7 @@ fn bar(cost_s: f64) -> ProgressBar {
     let style = "{bar:30} {percent:>3} %  {elapsed}, {eta} to go  {msg}";
     let bar = ProgressBar::new(FigureContext::units(cost_s));
     bar.set_style(ProgressStyle::with_template(style).expect("a valid template"));
-    bar.enable_steady_tick(Duration::from_millis(250));
+    redraw(&bar, Duration::from_millis(250));
     bar
 }
 

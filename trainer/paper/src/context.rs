@@ -100,6 +100,8 @@ impl FigureContext {
     ) -> Result<Self, FiguresError> {
         let cache = cache.to_owned();
         fs::create_dir_all(&cache)
+            // A step that cannot be cached would be computed in vain.
+            .and_then(|()| atomic_file::check(&cache.join("step.bin")))
             .map_err(|cause| FiguresError::Write { path: cache.clone(), cause })?;
         let (spent_s, policies) = (Mutex::default(), Mutex::default());
         Ok(Self { extent, reference, cache, bar, spent_s, policies })

@@ -57,6 +57,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let bytes = PolicyFile::load(arguments.policy.as_deref()).map_err(input)?;
     let policy = bytes.policy().map_err(input)?;
+    let target = Target { path: &arguments.file, option: "FILE" };
+    target.check()?;
     let content = match arguments.to {
         Format::Safetensors => safetensors::export(&policy),
         Format::Onnx => onnx::export(&policy),
@@ -65,7 +67,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
             c::export(&policy, &vectors, prefix).into_bytes()
         }
     };
-    Target { path: &arguments.file, option: "FILE" }.write(&content)?;
+    target.write(&content)?;
     print(&format!(
         "{}: {} of CRC-32 {:08x}, {} bytes",
         arguments.file.display(),

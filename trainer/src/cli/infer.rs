@@ -27,6 +27,9 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let bytes = PolicyFile::read(&arguments.policy).map_err(input)?;
     let policy = bytes.policy().map_err(input)?;
+    let output = arguments.output.as_deref().filter(|&path| path != Path::new("-"));
+    let target = output.map(|path| Target { path, option: "--output" });
+    target.iter().try_for_each(Target::check)?;
     let from = &arguments.input;
     let source = if from == Path::new("-") {
         let mut text = Vec::new();
@@ -37,11 +40,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let source = source.with_context(|| from.display().to_string()).map_err(input)?;
     // The whole input is converted first, so that nothing is written if a row is bad.
     let actions = infer(&policy, &source, from)?;
-    match arguments.output.as_deref() {
-        Some(path) if path != Path::new("-") => Target { path, option: "--output" }.write(&actions),
-        _ => {
+    match target {
+        Some(target) => target.write(&actions),
+        None => {
             let mut stdout = std::io::stdout().lock();
-            stdout.write_all(&actions).and_then(|()| stdout.flush()).map_err(failed)
+            let written = stdout.write_all(&actions).and_then(|()| stdout.flush());
+            written.map_err(failed)
         }
     }
 }

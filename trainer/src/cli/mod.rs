@@ -13,6 +13,7 @@ mod infer;
 mod inspect;
 mod output;
 mod plot;
+mod stoppable;
 mod study;
 mod train;
 
@@ -20,6 +21,7 @@ use clap::{Parser, Subcommand, ValueEnum};
 use std::process::ExitCode;
 
 use crate::simd::Isa;
+use output::pool;
 
 #[derive(Debug, Parser)]
 #[command(name = "trainer", version, about = "Trains, evaluates and converts the leg's policies")]
@@ -105,22 +107,8 @@ impl IsaArgument {
 /// Runs the command line of this process and returns its exit status.
 #[must_use]
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
-    let result = match cli.command {
-        Command::Train(arguments) => train::run(&arguments),
-        Command::Config(arguments) => config::run(&arguments),
-        Command::Study(arguments) => study::run(&arguments),
-        Command::Eval(arguments) => eval::run(&arguments),
-        Command::Compare(arguments) => compare::run(&arguments),
-        Command::Inspect(arguments) => inspect::run(&arguments),
-        Command::Infer(arguments) => infer::run(&arguments),
-        Command::Import(arguments) => import::run(&arguments),
-        Command::Plot(arguments) => plot::run(&arguments),
-        Command::Export(arguments) => export::run(&arguments),
-        Command::Env(arguments) => env::run(&arguments),
-        Command::Bench(arguments) => bench::run(&arguments),
-    };
-    let (error, status) = match result {
+    leg_process::signals::report_size_limit();
+    let (error, status) = match run(&Cli::parse().command) {
         Ok(()) => return ExitCode::SUCCESS,
         Err(Failure::Input(error)) => (error, 2),
         Err(Failure::Run(error)) => (error, 1),
@@ -134,4 +122,21 @@ pub fn main() -> ExitCode {
     }
     eprintln!("trainer: {error:#}");
     ExitCode::from(status)
+}
+
+fn run(command: &Command) -> Result<(), Failure> {
+    match command {
+        Command::Train(arguments) => train::run(arguments),
+        Command::Config(arguments) => config::run(arguments),
+        Command::Study(arguments) => study::run(arguments),
+        Command::Eval(arguments) => pool()?.install(|| eval::run(arguments)),
+        Command::Compare(arguments) => pool()?.install(|| compare::run(arguments)),
+        Command::Inspect(arguments) => inspect::run(arguments),
+        Command::Infer(arguments) => infer::run(arguments),
+        Command::Import(arguments) => pool()?.install(|| import::run(arguments)),
+        Command::Plot(arguments) => plot::run(arguments),
+        Command::Export(arguments) => export::run(arguments),
+        Command::Env(arguments) => env::run(arguments),
+        Command::Bench(arguments) => pool()?.install(|| bench::run(arguments)),
+    }
 }

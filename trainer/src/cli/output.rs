@@ -1,9 +1,14 @@
-//! Output files, which appear complete or not at all, and the standard output.
+//! Output files, which appear complete or not at all, the standard output, threads.
 
 use super::{Failure, failed};
+use crate::threads::Threads;
 use anyhow::anyhow;
-use leg_process::atomic_file::{self, AtomicFile};
-use std::path::Path;
+use leg_process::{atomic_file, remedy};
+use rayon::ThreadPool;
+use std::fs::File;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 /// A file to write, and the option that names it.
 #[derive(Clone, Copy, Debug)]
@@ -13,24 +18,58 @@ pub(crate) struct Target<'a> {
 }
 
 impl Target<'_> {
-    /// Makes the failure of a file that cannot be written.
-    pub(crate) fn unwritten(&self, error: &std::io::Error) -> Failure {
-        let (path, option) = (self.path.display(), self.option);
-        failed(anyhow!("{path}: cannot be written: {error}; name another place with {option}"))
+    fn unwritten(&self, error: &io::Error, more: &str) -> Failure {
+        let path = self.path.display();
+        let remedy = remedy(error, self.option);
+        failed(anyhow!("{path}: cannot be written: {error}{more}; {remedy}"))
     }
 
-    /// Creates the file; it gets its name when it is finished.
-    pub(crate) fn begin(&self) -> Result<AtomicFile, Failure> {
-        AtomicFile::create(self.path).map_err(|e| self.unwritten(&e))
+    /// Checks before the work whether the file can be written.
+    pub(crate) fn check(&self) -> Result<(), Failure> {
+        atomic_file::check(self.path).map_err(|e| self.unwritten(&e, ""))
     }
 
-    /// Writes the complete file.
+    /// Writes the complete file. Where that fails, the content, which may have taken hours,
+    /// is saved among the temporary files.
     pub(crate) fn write(&self, content: &[u8]) -> Result<(), Failure> {
-        atomic_file::write(self.path, content).map_err(|e| self.unwritten(&e))
+        atomic_file::write(self.path, content).map_err(|error| {
+            let saved = save(self.path, content).map(|at| {
+                let at = at.display();
+                format!("; the complete content is in {at} instead")
+            });
+            self.unwritten(&error, &saved.unwrap_or_default())
+        })
     }
+}
+
+/// Returns what helps against an error of a file that `option` names.
+pub(crate) fn remedy(error: &io::Error, option: &str) -> String {
+    let other = || format!("name another place with {option}");
+    remedy::of_write(error).map_or_else(other, str::to_owned)
+}
+
+/// Saves content among the temporary files; `None` where that fails, too.
+fn save(path: &Path, content: &[u8]) -> Option<PathBuf> {
+    let name = path.file_name()?.to_string_lossy();
+    let at = std::env::temp_dir().join(format!("{}-{name}", std::process::id()));
+    let mut file = File::create_new(&at).ok()?;
+    file.write_all(content).and_then(|()| file.sync_all()).ok().map(|()| at)
 }
 
 /// Prints a text and a newline.
 pub(crate) fn print(text: &str) -> Result<(), Failure> {
     leg_process::stdout::print_line(text).map_err(failed)
+}
+
+/// Returns the threads to compute on; says so where there are fewer than wanted.
+pub(crate) fn pool() -> Result<&'static ThreadPool, Failure> {
+    static THREADS: OnceLock<Threads> = OnceLock::new();
+    if let Some(threads) = THREADS.get() {
+        return Ok(&threads.pool);
+    }
+    let threads = Threads::start().map_err(failed)?;
+    if let Some(shortage) = threads.shortage() {
+        eprintln!("trainer: {shortage}");
+    }
+    Ok(&THREADS.get_or_init(|| threads).pool)
 }

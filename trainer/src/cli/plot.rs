@@ -6,11 +6,13 @@ use crate::curves::log::Log;
 use crate::curves::picture::draw;
 use crate::curves::smooth::{Curve, Group, Smoothing, curves, extent, usual_window};
 use crate::curves::{By, Zero};
+use crate::run::paths::{title, usual_log};
 use anyhow::{Context, anyhow};
 use clap::Args;
 use glob::{Pattern, glob};
 use leg_charts::color::SERIES;
 use leg_charts::grouped;
+use leg_process::policy_file::PolicyFile;
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, Args)]
@@ -47,6 +49,8 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let target = Target { path: &arguments.out, option: "--out" };
+    target.check()?;
     let groups = groups(&arguments.runs)?;
     let x_range = extent(&groups, arguments.by, arguments.zero);
     let how = Smoothing {
@@ -65,7 +69,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let svg =
         draw(&curves, &how, x_range).map_err(|e| failed(anyhow!("cannot draw the curves: {e}")))?;
-    Target { path: &arguments.out, option: "--out" }.write(svg.as_bytes())?;
+    target.write(svg.as_bytes())?;
     print(&summary(&curves, &how, &arguments.out))
 }
 
@@ -150,8 +154,11 @@ fn split(argument: &str) -> Result<(Option<&str>, &str), Failure> {
 fn name(place: &str) -> String {
     // A folder such as `.` has its name only in its canonical path.
     let folder = Path::new(place).canonicalize().ok().filter(|path| path.is_dir());
-    let stem = folder.as_deref().map_or(Path::new(place).file_stem(), Path::file_name);
-    stem.map_or_else(|| place.to_owned(), |stem| stem.to_string_lossy().into_owned())
+    let name = match folder.as_deref().and_then(Path::file_name) {
+        Some(name) => name.to_owned(),
+        None => title(Path::new(place)),
+    };
+    name.to_string_lossy().into_owned()
 }
 
 /// Returns the logs of a file, folder or pattern; at least one.
@@ -179,15 +186,21 @@ fn logs(place: &str) -> Result<Vec<PathBuf>, Failure> {
 
 /// Returns the path of a log, given by its own name or by its policy's.
 fn log_of(path: &Path) -> Result<PathBuf, Failure> {
-    if path.extension().is_none_or(|end| end != "bin") {
+    if !is_policy(path) {
         return Ok(path.to_owned());
     }
-    let log = path.with_extension("csv");
+    let log = usual_log(path);
     if log.exists() {
         return Ok(log);
     }
     let (path, log) = (path.display(), log.display());
     Err(input(anyhow!("{path}: its log {log} does not exist; name the log itself")))
+}
+
+/// Whether a file is a policy rather than a log, by its name or its content.
+fn is_policy(path: &Path) -> bool {
+    let named = path.extension().is_some_and(|ending| ending == "bin");
+    named || PolicyFile::read(path).is_ok_and(|file| file.policy().is_ok())
 }
 
 fn matches(pattern: &str) -> Result<Vec<PathBuf>, Failure> {

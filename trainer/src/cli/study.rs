@@ -7,14 +7,15 @@ use super::{Failure, failed, input};
 use crate::config::{Config, Length};
 use crate::study::folder::{Folder, SeedReport};
 use crate::study::plan::{Plan, Seeds};
-use crate::study::run::Jobs;
+use crate::study::run::{Jobs, SeedEvent};
 use crate::study::shard::{Request, Shard};
 use crate::study::summary::Summary;
 use crate::study::{StudyError, list, merge, picture};
+use crate::threads::redraw;
 use anyhow::{Context, anyhow};
 use clap::{Args, Subcommand};
 use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
-use leg_process::Stop;
+use leg_process::{Stop, remedy};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::sync::mpsc::RecvTimeoutError;
@@ -135,7 +136,7 @@ impl Study {
 /// Returns the failure of an error, which determines the exit status.
 fn refused(error: StudyError) -> Failure {
     match error {
-        StudyError::File { .. } => failed(error),
+        StudyError::File { .. } | StudyError::Busy { .. } => failed(error),
         _ => input(error),
     }
 }
@@ -145,13 +146,20 @@ fn train(folder: &Folder, seeds: Vec<u64>, jobs: NonZeroUsize) -> Result<(), Fai
     let stop = Stop::on_signals().context("signals").map_err(failed)?;
     let (all, began) = (seeds.len(), Instant::now());
     let bar = progress_bar(all);
-    let work = Jobs::start(folder.plan(), seeds, jobs);
+    let cannot = |e| failed(anyhow!("no job can be started: {e}; {}", remedy::OF_THREAD));
+    let work = Jobs::start(folder, seeds, jobs).map_err(cannot)?;
+    let wanted = jobs.get().min(all);
+    if work.threads < wanted {
+        let count = work.threads;
+        eprintln!("{count} instead of {wanted} jobs can run; {}", remedy::OF_THREAD);
+    }
     let mut done = 0;
     while done < all && !stop.is_raised() {
-        match work.done.recv_timeout(Duration::from_millis(100)) {
-            Ok(run) => {
+        match work.events.recv_timeout(Duration::from_millis(100)) {
+            Ok(SeedEvent::Trained(run, claim)) => {
                 // Saved here and not on the job's thread, which a signal may end at any time.
-                let report = folder.save(&run).map_err(refused)?;
+                let report = folder.save(&run, &claim).map_err(refused)?;
+                drop(claim);
                 done += 1;
                 let to_go = began.elapsed().mul_f64((all - done) as f64 / done as f64);
                 let line = seed_line(&report);
@@ -159,6 +167,14 @@ fn train(folder: &Folder, seeds: Vec<u64>, jobs: NonZeroUsize) -> Result<(), Fai
                     eprintln!("{line}  [{done} of {all}, {} to go]", HumanDuration(to_go));
                 });
             }
+            Ok(SeedEvent::Elsewhere(seed)) => {
+                done += 1;
+                bar.suspend(|| eprintln!("seed {seed}: another process trained it"));
+            }
+            Ok(SeedEvent::Waiting(seed)) => bar.suspend(|| {
+                eprintln!("waiting for other processes, which train the rest, such as seed {seed}");
+            }),
+            Ok(SeedEvent::Failed(error)) => return Err(refused(error)),
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => {
                 return Err(failed(anyhow!("a job ended early; the same command continues")));
@@ -232,6 +248,6 @@ fn progress_bar(seeds: usize) -> ProgressBar {
     let style = ProgressStyle::with_template("{bar:40} {msg}  {elapsed}, {eta} to go")
         .expect("a valid template");
     let bar = ProgressBar::new((BAR * seeds as f64) as u64).with_style(style);
-    bar.enable_steady_tick(Duration::from_millis(500));
+    redraw(&bar, Duration::from_millis(500));
     bar
 }

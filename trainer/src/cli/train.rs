@@ -2,22 +2,22 @@
 
 use super::config::ConfigArguments;
 use super::eval::{MOST_STARTS, SEED, text};
-use super::output::{Target, print};
+use super::output::{Target, pool, print, remedy};
+use super::stoppable::unless_stopped;
 use super::{Failure, IsaArgument, failed, input};
 use crate::config::{Config, Length};
 use crate::evaluate::report::Report;
 use crate::run::checkpoint::{self, Checkpoint};
 use crate::run::error::{Purpose, RunError};
+use crate::run::paths::{log_candidates, other_policy, place, usual_log};
 use crate::run::{Run, RunEnd, RunOptions};
 use crate::trained::TrainedPolicy;
 use anyhow::{Context, anyhow};
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
 use leg_control::policy::{ParseError, Policy};
 use leg_process::Stop;
-use leg_process::policy_file::AlignedBytes;
-use std::path::{Path, PathBuf};
-use std::sync::mpsc::{RecvTimeoutError, channel};
+use leg_process::policy_file::{AlignedBytes, PolicyFile};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// Longest stage that the options accept.
@@ -35,10 +35,11 @@ pub(super) struct Arguments {
     #[arg(long)]
     out: PathBuf,
     /// CSV log to write, with a row for every episode [default: the policy file's name with
-    /// .csv]
+    /// .csv, in place of .bin if it ends so; with --resume, the log of the checkpoint]
     #[arg(long)]
     log: Option<PathBuf>,
-    /// Folder for TensorBoard event files
+    /// Folder for TensorBoard event files; the training writes into a folder of its own below
+    /// it, named after the policy file
     #[arg(long, value_name = "DIR")]
     tensorboard: Option<PathBuf>,
     /// Length of the last stage in environment steps, instead of the configuration's
@@ -54,7 +55,8 @@ pub(super) struct Arguments {
     /// --config
     #[arg(long, conflicts_with = "restart")]
     resume: bool,
-    /// Begin anew and discard the checkpoint beside --out
+    /// Begin anew, and discard the checkpoint beside --out and the rows of an interrupted
+    /// training without one
     #[arg(long)]
     restart: bool,
     /// Continue a training that has collapsed
@@ -146,25 +148,50 @@ impl Arguments {
         }
     }
 
-    /// Returns the path of the log, which must differ from the policy's.
-    fn log(&self, checkpoint: Option<&Checkpoint>) -> Result<PathBuf, Failure> {
-        let path = match (&self.log, checkpoint) {
-            (Some(path), _) => path.clone(),
-            (None, Some(checkpoint)) => checkpoint.log_path.clone(),
-            (None, None) => self.out.with_extension("csv"),
+    /// Returns the path of a new log. It must differ from the policy's, and from the log of
+    /// another policy.
+    fn log(&self) -> Result<PathBuf, Failure> {
+        let out = &self.out;
+        let Some(path) = &self.log else {
+            if out.extension().is_some_and(|ending| ending == "csv") {
+                return Err(input(anyhow!(
+                    "--out {}: this is the name of a log, such as that of {}; let the policy's \
+                     name end otherwise, such as in .bin, or name the log with --log",
+                    out.display(),
+                    out.with_extension("bin").display()
+                )));
+            }
+            let other = other_policy(out);
+            let is_policy = || PolicyFile::read(&other).is_ok_and(|file| file.policy().is_ok());
+            if checkpoint::path(&other).exists() || is_policy() {
+                let (out, log, other) = (out.display(), usual_log(out), other.display());
+                let log = log.display();
+                return Err(input(anyhow!(
+                    "--out {out}: its log would be {log}, which is that of {other}; name another \
+                     log with --log, or another policy with --out"
+                )));
+            }
+            return Ok(usual_log(out));
         };
-        if place(&path) != place(&self.out) {
-            return Ok(path);
+        if place(path) == place(out) {
+            let path = path.display();
+            return Err(input(anyhow!(
+                "--log {path}: this is the policy file, --out; give the log another name"
+            )));
         }
-        let path = path.display();
-        Err(input(if self.log.is_some() {
-            anyhow!("--log {path}: this is the policy file, --out; give the log another name")
-        } else {
-            anyhow!(
-                "--out {path}: the log would get the same name; name the log with --log, \
-                 or let the policy's name end otherwise, such as in .bin"
-            )
-        }))
+        Ok(path.clone())
+    }
+
+    /// Returns where the log of a checkpoint may be.
+    fn logs(&self, checkpoint: &Checkpoint) -> Vec<PathBuf> {
+        match &self.log {
+            Some(path) => vec![path.clone()],
+            None => log_candidates(&self.out, &checkpoint.log_path),
+        }
+    }
+
+    fn target(&self) -> Target<'_> {
+        Target { path: &self.out, option: "--out" }
     }
 
     /// Returns how a stopped training can be resumed.
@@ -175,15 +202,6 @@ impl Arguments {
             "with --checkpoint-every 0 it cannot be resumed".into()
         }
     }
-}
-
-/// Returns the canonical path of a file, whether or not it exists.
-fn place(path: &Path) -> PathBuf {
-    let in_folder = || {
-        let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        Some(folder.canonicalize().ok()?.join(path.file_name()?))
-    };
-    path.canonicalize().ok().or_else(in_folder).unwrap_or_else(|| path.to_owned())
 }
 
 fn failure(error: RunError) -> Failure {
@@ -198,52 +216,31 @@ fn failure(error: RunError) -> Failure {
 /// Returns the options that help with an error.
 fn hint(error: &RunError) -> Option<String> {
     Some(match error {
-        RunError::Unwritten { purpose, .. } => {
+        RunError::Unwritten { purpose, cause, .. } => {
             let option = match purpose {
-                Purpose::Checkpoint => "--out",
+                // The checkpoint is a new file beside the policy.
+                Purpose::Checkpoint => "--out, or disable checkpoints with --checkpoint-every 0",
                 Purpose::Log => "--log",
                 Purpose::Events => "--tensorboard",
             };
-            format!("name another place with {option}")
+            remedy(cause, option)
         }
         RunError::Busy(_) => "end it, or name another file with --log".into(),
-        RunError::Log { .. } | RunError::Checkpoint { .. } | RunError::State { .. } => {
-            "--restart begins anew".into()
+        RunError::OtherLog { checkpoint: Some(_), .. } => {
+            "resume that training first, or name another log with --log".into()
+        }
+        RunError::OtherLog { checkpoint: None, .. } => {
+            "name another log with --log; --restart discards these rows".into()
+        }
+        RunError::Log { .. } => "name the checkpoint's log with --log; --restart would discard \
+                                 the checkpoint and begin anew"
+            .into(),
+        RunError::Checkpoint { .. } | RunError::State { .. } => {
+            "--restart would discard it and begin anew".into()
         }
         RunError::Collapsed(_) => "--allow-collapse continues all the same".into(),
         _ => return None,
     })
-}
-
-/// Runs `work` on a thread, with a spinner on a terminal. Returns `None` when a signal stops
-/// it; the thread then ends with the process.
-fn unless_stopped<T: Send + 'static>(
-    stop: &Stop,
-    doing: &'static str,
-    work: impl FnOnce() -> T + Send + 'static,
-) -> Option<T> {
-    let style = ProgressStyle::with_template("{spinner} {msg}  {elapsed}").expect("a template");
-    let spinner = ProgressBar::new_spinner().with_style(style).with_message(doing);
-    spinner.enable_steady_tick(Duration::from_millis(200));
-    let (sender, receiver) = channel();
-    // Sending fails only after a stop.
-    let worker = std::thread::spawn(move || _ = sender.send(work()));
-    let result = loop {
-        match receiver.recv_timeout(Duration::from_millis(50)) {
-            Ok(_) | Err(RecvTimeoutError::Timeout) if stop.is_raised() => break None,
-            Ok(result) => break Some(result),
-            Err(RecvTimeoutError::Timeout) => {}
-            Err(RecvTimeoutError::Disconnected) => {
-                spinner.finish_and_clear();
-                match worker.join() {
-                    Err(panic) => std::panic::resume_unwind(panic),
-                    Ok(()) => unreachable!("it sends before it ends"),
-                }
-            }
-        }
-    };
-    spinner.finish_and_clear();
-    result
 }
 
 /// Begins or resumes the training. All input errors are found here.
@@ -251,21 +248,27 @@ fn open(arguments: &Arguments) -> Result<Run, Failure> {
     let isa = arguments.isa.isa()?;
     let checkpoint = arguments.checkpoint()?;
     let every = arguments.checkpoint_every;
+    let logs = match &checkpoint {
+        Some(checkpoint) => arguments.logs(checkpoint),
+        None => vec![arguments.log()?],
+    };
     let options = RunOptions {
         out: arguments.out.clone(),
-        log: arguments.log(checkpoint.as_ref())?,
+        log: logs[0].clone(),
         tensorboard: arguments.tensorboard.clone(),
         checkpoint_every: (every > 0.0).then(|| Duration::from_secs_f64(every)),
         quiet: arguments.quiet,
         allow_collapse: arguments.allow_collapse,
+        discard: arguments.restart,
     };
     let run = if let Some(checkpoint) = checkpoint {
         arguments.check_agreement(&checkpoint)?;
-        Run::resume(checkpoint, isa, &options)
+        arguments.target().check()?;
+        Run::resume(checkpoint, &logs, isa, &options)
     } else {
         let config = arguments.config(None)?;
         // Before the training: the output must be writable.
-        drop(Target { path: &arguments.out, option: "--out" }.begin()?);
+        arguments.target().check()?;
         Run::begin(config, arguments.seed.unwrap_or(0), isa, &options)
     };
     run.map_err(failure)
@@ -274,13 +277,14 @@ fn open(arguments: &Arguments) -> Result<Run, Failure> {
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     // Before any file exists, so that a signal leaves none unfinished.
     let stop = Stop::on_signals().context("signals").map_err(failed)?;
+    let pool = pool()?;
     let began = Instant::now();
     let mut run = open(arguments)?;
     let before = run.training().total_steps();
     if before > 0 && !arguments.quiet {
         eprintln!("resuming from step {before}");
     }
-    let ended = run.learn(&stop).map_err(failure)?;
+    let ended = pool.install(|| run.learn(&stop)).map_err(failure)?;
     let took = began.elapsed();
     let (training, closing) = run.close();
     let steps = training.total_steps();
@@ -293,10 +297,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let (config, seed) = (training.config().clone(), training.seed());
     let search = move || TrainedPolicy::new(&training);
-    let trained =
-        unless_stopped(&stop, "searching the cascade's gains…", search).ok_or_else(stopped)?;
+    let trained = unless_stopped(pool, &stop, "searching the cascade's gains…", search)
+        .ok_or_else(stopped)?;
     let bytes = trained.blob().map_err(failed)?;
-    Target { path: &arguments.out, option: "--out" }.write(bytes.as_slice())?;
+    arguments.target().write(bytes.as_slice())?;
     closing.close().map_err(failure)?;
     let policy = Policy::parse(bytes.as_slice()).map_err(failed)?;
     let seconds = took.as_secs_f64();
@@ -317,7 +321,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.eval_starts > 0 {
         let starts = arguments.eval_starts as usize;
         let evaluate = move || evaluate(&bytes, starts);
-        let report = unless_stopped(&stop, "evaluating…", evaluate).ok_or_else(|| {
+        let report = unless_stopped(pool, &stop, "evaluating…", evaluate).ok_or_else(|| {
             let out = arguments.out.display();
             failed(anyhow!("stopped by a signal; {out} is written, but not evaluated"))
         })?;

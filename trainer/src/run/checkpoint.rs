@@ -10,8 +10,8 @@
 
 use super::error::{Purpose, RunError};
 use super::log::LogPosition;
+use super::paths::with_suffix;
 use super::recent::RecentEpisodes;
-use super::with_suffix;
 use crate::config::Config;
 use crate::train::{Training, TrainingState};
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
@@ -35,7 +35,8 @@ pub struct Checkpoint {
     pub seed: u64,
     /// Complete configuration, TOML.
     config: String,
-    /// Final path of the log.
+    /// Final path of the log as seen from the folder of the policy file, or absolute: a hint,
+    /// see [`log_candidates`](super::paths::log_candidates).
     pub log_path: PathBuf,
     /// Length and checksum of the log at this checkpoint.
     pub log: LogPosition,
@@ -149,10 +150,13 @@ impl Checkpoint {
     }
 }
 
+/// Ending of the names of checkpoints.
+pub const ENDING: &str = "checkpoint";
+
 /// Returns the path of the checkpoint beside the policy file `out`.
 #[must_use]
 pub fn path(out: &Path) -> PathBuf {
-    with_suffix(out, ".checkpoint")
+    with_suffix(out, &format!(".{ENDING}"))
 }
 
 /// Writes checkpoints periodically.
@@ -194,7 +198,11 @@ impl CheckpointWriter {
             file.sync_data()?;
             fs::rename(&self.part, &self.path)
         };
-        write().map_err(RunError::unwritten(&self.path, Purpose::Checkpoint))?;
+        write().map_err(|cause| {
+            // Half a checkpoint is of no use, and may fill the disk.
+            _ = fs::remove_file(&self.part);
+            RunError::unwritten(&self.path, Purpose::Checkpoint)(cause)
+        })?;
         self.last = Instant::now();
         Ok(())
     }

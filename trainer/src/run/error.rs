@@ -47,6 +47,14 @@ pub enum RunError {
         /// What is wrong with it.
         what: String,
     },
+    /// The log has rows of another training that was interrupted.
+    #[error("{}: these are the rows of {}", path.display(), owner(checkpoint.as_deref()))]
+    OtherLog {
+        /// Path of the log.
+        path: PathBuf,
+        /// Checkpoint of that training; `None` when none is beside the files.
+        checkpoint: Option<PathBuf>,
+    },
     /// A file is not a checkpoint that can be resumed.
     #[error("{}: {what}", path.display())]
     Checkpoint {
@@ -65,11 +73,24 @@ pub enum RunError {
     },
 }
 
+/// Describes the training that rows belong to.
+fn owner(checkpoint: Option<&Path>) -> String {
+    match checkpoint {
+        Some(path) => {
+            format!("another training, which its checkpoint {} continues", path.display())
+        }
+        None => "a training that was interrupted and left no checkpoint".into(),
+    }
+}
+
 impl RunError {
     /// Whether the input is at fault, rather than the system or the training.
     #[must_use]
     pub fn is_input(&self) -> bool {
-        matches!(self, Self::Log { .. } | Self::Checkpoint { .. } | Self::State { .. })
+        matches!(
+            self,
+            Self::Log { .. } | Self::OtherLog { .. } | Self::Checkpoint { .. } | Self::State { .. }
+        )
     }
 
     /// Whether resuming from the checkpoint would end the same way.

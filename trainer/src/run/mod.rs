@@ -1,6 +1,7 @@
 //! A training run: a training with its log, checkpoints, progress and collapse detection.
 //!
-//! While it runs, these files are beside the policy `X.bin` to be written:
+//! While it runs, these files are beside the policy `X.bin` to be written (beside `X`, the
+//! log is `X.csv`, whatever dots are in `X`):
 //!
 //! | file | content |
 //! |---|---|
@@ -15,6 +16,8 @@ pub mod checkpoint;
 pub mod collapse;
 pub mod error;
 pub mod log;
+mod owner;
+pub mod paths;
 pub mod progress;
 pub mod recent;
 pub mod tensorboard;
@@ -29,7 +32,6 @@ use leg_process::Stop;
 use log::Log;
 use progress::Progress;
 use recent::RecentEpisodes;
-use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tensorboard::EventWriter;
@@ -41,7 +43,7 @@ pub struct RunOptions {
     pub out: PathBuf,
     /// Path of the log, a CSV file.
     pub log: PathBuf,
-    /// Folder for TensorBoard event files.
+    /// Folder for TensorBoard event files, which are in a folder of their own below it.
     pub tensorboard: Option<PathBuf>,
     /// Time between checkpoints; `None` for none.
     pub checkpoint_every: Option<Duration>,
@@ -49,6 +51,8 @@ pub struct RunOptions {
     pub quiet: bool,
     /// Whether to continue a training that has collapsed.
     pub allow_collapse: bool,
+    /// Whether to discard the rows of an interrupted training that left no checkpoint.
+    pub discard: bool,
 }
 
 /// A running training with its files.
@@ -57,6 +61,8 @@ pub struct Run {
     log: Log,
     checkpoints: CheckpointWriter,
     events: Option<EventWriter>,
+    /// Path of the log, as checkpoints state it.
+    log_hint: PathBuf,
     recent: RecentEpisodes,
     detector: Option<CollapseDetector>,
     progress: Progress,
@@ -81,14 +87,14 @@ impl Run {
     /// Begins a training at its first step.
     ///
     /// # Errors
-    /// [`RunError`] when a file cannot be written.
+    /// [`RunError`] when a file cannot be written, or the log has rows of another training.
     pub fn begin(
         config: Config,
         seed: u64,
         isa: Isa,
         options: &RunOptions,
     ) -> Result<Self, RunError> {
-        let log = Log::begin(&options.log)?;
+        let log = Log::begin(&options.log, |part| discardable(part, options))?;
         let training = Training::new(config, seed, isa);
         let mut run = Self::new(training, RecentEpisodes::default(), log, options)?;
         // From here on the run can be resumed; a checkpoint of an older run must not remain.
@@ -97,19 +103,21 @@ impl Run {
         Ok(run)
     }
 
-    /// Resumes a training from a checkpoint.
+    /// Resumes a training from a checkpoint. Its log is at the first of `logs`, at least one,
+    /// that holds the checkpoint's rows; the log of the options is not used.
     ///
     /// # Errors
     /// [`RunError`] when the checkpoint does not fit its configuration or the log, or a file
     /// cannot be written.
     pub fn resume(
         checkpoint: Checkpoint,
+        logs: &[PathBuf],
         isa: Isa,
         options: &RunOptions,
     ) -> Result<Self, RunError> {
         let path = checkpoint::path(&options.out);
         let config = checkpoint.config(&path)?;
-        let log = Log::resume(&options.log, checkpoint.log)?;
+        let log = Log::resume(logs, checkpoint.log)?;
         let training = Training::from_state(config, checkpoint.seed, isa, checkpoint.training)
             .map_err(|cause| RunError::State { path, cause })?;
         Self::new(training, checkpoint.recent, log, options)
@@ -121,10 +129,14 @@ impl Run {
         log: Log,
         options: &RunOptions,
     ) -> Result<Self, RunError> {
-        let events =
-            options.tensorboard.as_ref().map(|folder| EventWriter::begin(folder, &training));
+        let title = paths::title(&options.out);
+        let events = options
+            .tensorboard
+            .as_ref()
+            .map(|folder| EventWriter::begin(folder, &title, &training));
         Ok(Self {
             events: events.transpose()?,
+            log_hint: paths::hint(log.path(), &options.out),
             log,
             checkpoints: CheckpointWriter::new(&options.out, options.checkpoint_every),
             progress: Progress::new(&training, options.quiet),
@@ -199,7 +211,7 @@ impl Run {
             &self.training,
             self.recent.clone(),
             log,
-            self.log.path(),
+            &self.log_hint,
         ))
     }
 
@@ -221,9 +233,11 @@ impl PendingFinish {
     }
 }
 
-/// Appends a suffix to a path.
-fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
-    let mut name = OsString::from(path);
-    name.push(suffix);
-    name.into()
+/// Checks that the rows in `part`, of an interrupted training, may be discarded.
+fn discardable(part: &Path, options: &RunOptions) -> Result<(), RunError> {
+    let checkpoint = owner::other_checkpoint(&options.log, &options.out);
+    if checkpoint.is_none() && options.discard {
+        return Ok(());
+    }
+    Err(RunError::OtherLog { path: part.into(), checkpoint })
 }

@@ -2,7 +2,10 @@
 //!
 //! The step of an event is the environment step over all stages. Each process writes one file,
 //! which begins with a session start at its first step. From that step on TensorBoard drops the
-//! events of earlier files, so a training that was killed and resumed shows no step twice.
+//! events of earlier files in the same folder, so a training that was killed and resumed shows
+//! no step twice. Therefore each training has a folder of its own, named after its policy, and
+//! TensorBoard shows it as a run of that name. The names of the files state which training
+//! they belong to.
 //!
 //! A frame is the length (u64), its masked CRC-32C, the event, and its masked CRC-32C,
 //! little-endian. The fields are those of `tensorflow/core/util/event.proto` and
@@ -13,14 +16,17 @@ use super::recent::RecentEpisodes;
 use crate::evaluate::DENSITIES;
 use crate::evaluate::selection::Evaluation;
 use crate::train::{EpisodeRecord, Training};
-use crc::{CRC_32_ISCSI, Crc, Table};
+use crc::{CRC_32_ISCSI, CRC_64_XZ, Crc, Table};
 use prost::Message;
-use std::fs::{File, create_dir_all};
-use std::io::{self, BufWriter, Write};
+use std::ffi::{OsStr, OsString};
+use std::fs::{File, create_dir, create_dir_all, read_dir};
+use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 static CRC: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISCSI);
+/// Beginning of the names of event files; TensorBoard looks for `tfevents`.
+const FILE_NAME: &str = "events.out.tfevents.";
 const FILE_VERSION: &str = "brain.Event:2";
 /// Time between two measurements of the speed.
 const SPEED_EVERY: Duration = Duration::from_secs(1);
@@ -119,25 +125,27 @@ pub struct EventWriter {
 }
 
 impl EventWriter {
-    /// Creates a new file in `folder`, and the folder where it does not exist.
+    /// Creates a new file in the training's own folder, below `folder`: the one of the name
+    /// `title`, or `title-2` and so on where another training has that.
     ///
     /// # Errors
     /// [`RunError`] when the file cannot be written.
-    pub fn begin(folder: &Path, training: &Training) -> Result<Self, RunError> {
+    pub fn begin(folder: &Path, title: &OsStr, training: &Training) -> Result<Self, RunError> {
         let now = since_1970();
+        let identity = identity(training);
         // The alphabetical order of the names is the order of the files in time.
         let name = format!(
-            "events.out.tfevents.{:010}.{:09}.trainer.{}",
+            "{FILE_NAME}{:010}.{:09}.{identity}.{}",
             now.as_secs(),
             now.subsec_nanos(),
             std::process::id()
         );
-        let path = folder.join(name);
         let make = || {
             create_dir_all(folder)?;
-            File::create_new(&path)
+            let path = own_folder(folder, title, &identity)?.join(name);
+            File::create_new(&path).map(|file| (file, path))
         };
-        let file = make().map_err(RunError::unwritten(folder, Purpose::Events))?;
+        let (file, path) = make().map_err(RunError::unwritten(folder, Purpose::Events))?;
         let mut board = Self {
             file: BufWriter::new(file),
             flushed: Instant::now(),
@@ -221,6 +229,43 @@ impl EventWriter {
         frame(&mut self.file, &event.encode_to_vec())
             .map_err(RunError::unwritten(&self.path, Purpose::Events))
     }
+}
+
+/// Returns 16 hexadecimal digits for everything that a training's course depends on.
+fn identity(training: &Training) -> String {
+    let text = format!("{}\n{}", training.seed(), training.config().to_toml());
+    format!("{:016x}", Crc::<u64>::new(&CRC_64_XZ).checksum(text.as_bytes()))
+}
+
+/// Returns the folder of a training below `folder`, and creates it where it does not exist.
+fn own_folder(folder: &Path, title: &OsStr, identity: &str) -> io::Result<PathBuf> {
+    for number in 1_u32.. {
+        let mut name = OsString::from(title);
+        if number > 1 {
+            name.push(format!("-{number}"));
+        }
+        let path = folder.join(name);
+        match create_dir(&path) {
+            Ok(()) => return Ok(path),
+            Err(error) if error.kind() != ErrorKind::AlreadyExists => return Err(error),
+            Err(_) if holds_events_of(&path, identity) => return Ok(path),
+            Err(_) => {}
+        }
+    }
+    unreachable!("a folder does not have four billion others")
+}
+
+/// Whether a folder has event files, all of one training.
+fn holds_events_of(folder: &Path, identity: &str) -> bool {
+    let entries = read_dir(folder).into_iter().flatten().flatten();
+    let names: Vec<_> = entries.map(|entry| entry.file_name()).collect();
+    let mut events = names.iter().filter_map(|name| name.to_str()?.strip_prefix(FILE_NAME));
+    let mut any = false;
+    let all = events.all(|rest| {
+        any = true;
+        rest.split('.').nth(2) == Some(identity)
+    });
+    any && all
 }
 
 /// Writes one record of a `TFRecord` file.

@@ -2,13 +2,13 @@
 
 use super::StudyError;
 use super::plan::Plan;
-use super::run::SeedRun;
 use crate::evaluate::metric::Metric;
-use leg_process::atomic_file;
+use crate::evaluate::report::Report;
+use leg_process::atomic_file::{self, TEMPORARY_PREFIX};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt::Display;
-use std::fs;
+use std::fs::{self, File, TryLockError};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use toml::Table;
@@ -21,8 +21,28 @@ pub const POLICY: &str = "policy.bin";
 pub const LEARNING: &str = "learning.csv";
 /// See [`POLICY`].
 pub const REPORT: &str = "report.json";
-/// Prefix of temporary files, see [`atomic_file`].
-const TEMPORARY: &str = ".tmp";
+
+/// The result of one seed.
+#[derive(Clone, Debug)]
+pub struct SeedRun {
+    /// The seed.
+    pub seed: u64,
+    /// Log with a row for every episode, CSV.
+    pub learning_csv: Vec<u8>,
+    /// Policy and evaluation, or the reason why there is none.
+    pub outcome: Result<EvaluatedPolicy, String>,
+}
+
+/// A policy with its evaluation.
+#[derive(Clone, Debug)]
+pub struct EvaluatedPolicy {
+    /// The policy file.
+    pub policy: Vec<u8>,
+    /// Environment steps after which the best actor was found.
+    pub best_steps: u64,
+    /// Evaluation of the policy.
+    pub report: Report,
+}
 
 /// The result of a seed, as `report.json` holds it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -34,8 +54,10 @@ pub struct SeedReport {
     /// Reason why there is no policy, such as a training that diverged.
     pub failure: Option<String>,
     /// Environment steps after which the best actor was found.
+    #[serde(alias = "kept_steps")]
     pub best_steps: Option<u64>,
     /// Metrics by [`Metric::key`]; empty without a policy.
+    #[serde(alias = "figures")]
     pub metrics: BTreeMap<String, Option<f64>>,
     /// Complete evaluation, in the form of `trainer eval --json`.
     pub evaluation: Option<serde_json::Value>,
@@ -68,6 +90,25 @@ impl SeedReport {
     #[must_use]
     pub fn metric(&self, metric: Metric) -> Option<f64> {
         self.metrics.get(&metric.key()).copied().flatten()
+    }
+}
+
+/// A seed that no other process trains into this study's folder: the seed's folder is locked
+/// until this is dropped or the process ends.
+#[derive(Debug)]
+pub struct Claim {
+    folder: PathBuf,
+    _lock: File,
+}
+
+impl Claim {
+    /// Writes a file of the seed.
+    ///
+    /// # Errors
+    /// [`StudyError::File`] when it cannot be written.
+    pub(super) fn write(&self, name: &str, content: &[u8]) -> Result<(), StudyError> {
+        let file = self.folder.join(name);
+        atomic_file::write(&file, content).map_err(StudyError::file(&file))
     }
 }
 
@@ -167,40 +208,55 @@ impl Folder {
         Ok((reports, missing))
     }
 
-    /// Writes the files of a seed.
+    /// Writes the files of a claimed seed.
     ///
     /// # Errors
     /// [`StudyError::File`] when a file cannot be written.
-    pub fn save(&self, run: &SeedRun) -> Result<SeedReport, StudyError> {
+    pub fn save(&self, run: &SeedRun, claim: &Claim) -> Result<SeedReport, StudyError> {
         let report = SeedReport::new(&self.plan, run);
-        self.begin_seed(run.seed)?;
-        self.write(run.seed, LEARNING, &run.learning_csv)?;
+        claim.write(LEARNING, &run.learning_csv)?;
         if let Ok(trained) = &run.outcome {
-            self.write(run.seed, POLICY, &trained.policy)?;
+            claim.write(POLICY, &trained.policy)?;
         }
         let json = serde_json::to_string_pretty(&report).expect("numbers have a JSON form");
-        self.write(run.seed, REPORT, format!("{json}\n").as_bytes())?;
+        claim.write(REPORT, format!("{json}\n").as_bytes())?;
         Ok(report)
     }
 
-    /// Creates a seed's folder, and removes temporary files of a killed process.
-    pub(super) fn begin_seed(&self, seed: u64) -> Result<(), StudyError> {
+    /// Creates a seed's folder and locks it; `None` while another process holds the lock.
+    ///
+    /// Only the holder writes into the folder, so temporary files there are those of a
+    /// process that was killed, and are removed. On a file system without locks, processes
+    /// may do the same work twice, with the same result.
+    ///
+    /// # Errors
+    /// [`StudyError::File`] when the seed's files could not be written.
+    pub fn claim(&self, seed: u64) -> Result<Option<Claim>, StudyError> {
         let folder = self.seed(seed);
-        fs::create_dir_all(&folder).map_err(StudyError::file(&folder))?;
-        for entry in fs::read_dir(&folder).map_err(StudyError::file(&folder))? {
-            let entry = entry.map_err(StudyError::file(&folder))?;
-            if entry.file_name().to_string_lossy().starts_with(TEMPORARY) {
-                // Another process may have removed it already.
-                _ = fs::remove_file(entry.path());
-            }
+        let failed = || StudyError::file(&folder);
+        fs::create_dir_all(&folder).map_err(failed())?;
+        let lock = File::open(&folder).map_err(failed())?;
+        match lock.try_lock() {
+            Ok(()) => remove_temporaries(&folder).map_err(failed())?,
+            Err(TryLockError::WouldBlock) => return Ok(None),
+            Err(TryLockError::Error(_)) => {}
         }
-        Ok(())
+        // Before the training, not after it.
+        let report = folder.join(REPORT);
+        atomic_file::check(&report).map_err(StudyError::file(&report))?;
+        Ok(Some(Claim { folder, _lock: lock }))
     }
+}
 
-    pub(super) fn write(&self, seed: u64, name: &str, content: &[u8]) -> Result<(), StudyError> {
-        let file = self.seed(seed).join(name);
-        atomic_file::write(&file, content).map_err(StudyError::file(&file))
+/// Removes the temporary files of a process that was killed.
+fn remove_temporaries(folder: &Path) -> std::io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        if entry.file_name().to_string_lossy().starts_with(TEMPORARY_PREFIX) {
+            fs::remove_file(entry.path())?;
+        }
     }
+    Ok(())
 }
 
 /// Reads a file; `None` where it does not exist.

@@ -1,7 +1,7 @@
 //! Merging the folders of shards.
 
 use super::StudyError;
-use super::folder::{Folder, LEARNING, POLICY, REPORT};
+use super::folder::{Folder, LEARNING, POLICY, REPORT, SeedReport};
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::ErrorKind;
@@ -53,11 +53,12 @@ pub fn merge(folders: &[PathBuf], out: &Path) -> Result<Merged, StudyError> {
         if same_place(source.path(), out) {
             continue;
         }
-        folder.begin_seed(seed)?;
+        let busy = || StudyError::Busy { seed, folder: out.to_owned() };
+        let claim = folder.claim(seed)?.ok_or_else(busy)?;
         // The report is written last, as in a training.
         for name in [LEARNING, POLICY, REPORT] {
             if let Some(content) = content(&source.seed(seed).join(name))? {
-                folder.write(seed, name, &content)?;
+                claim.write(name, &content)?;
             }
         }
     }
@@ -70,13 +71,24 @@ fn same_place(a: &Path, b: &Path) -> bool {
     matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }
 
-/// Checks that two folders have the same files of a seed, byte for byte.
+/// Checks that two folders have the same results of a seed: reports of the same content, as
+/// an older trainer names some keys otherwise, and the other files byte for byte.
 fn agree(seed: u64, first: &Folder, second: &Folder) -> Result<(), StudyError> {
-    for name in [REPORT, POLICY, LEARNING] {
+    let result = |folder: &Folder| {
+        let report = folder.report(seed)?;
+        Ok::<_, StudyError>(report.map(|report| SeedReport { evaluation: None, ..report }))
+    };
+    let differs = |name| {
+        let [first, second] = [first, second].map(|folder| folder.path().to_owned());
+        Err(StudyError::Contradiction { seed, name, first, second })
+    };
+    if result(first)? != result(second)? {
+        return differs(REPORT);
+    }
+    for name in [POLICY, LEARNING] {
         let of = |folder: &Folder| content(&folder.seed(seed).join(name));
         if of(first)? != of(second)? {
-            let [first, second] = [first, second].map(|folder| folder.path().to_owned());
-            return Err(StudyError::Contradiction { seed, name, first, second });
+            return differs(name);
         }
     }
     Ok(())

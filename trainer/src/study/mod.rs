@@ -11,6 +11,9 @@
 //! summary.csv, seeds.csv, summary.svg    once all seeds are complete
 //! ```
 //!
+//! Several processes may work on one folder, on one machine or many: each takes the seeds that
+//! no other has [claimed](folder::Claim).
+//!
 //! The [summary] depends on the files of the seeds alone, so it is the same to the last bit,
 //! however often the study was interrupted and however it was split.
 
@@ -23,6 +26,7 @@ pub mod shard;
 pub mod summary;
 pub mod table;
 
+use leg_process::remedy;
 use std::path::{Path, PathBuf};
 
 /// The reason why a study cannot continue.
@@ -30,7 +34,11 @@ use std::path::{Path, PathBuf};
 #[non_exhaustive]
 pub enum StudyError {
     /// A file cannot be read or written.
-    #[error("{}: {error}; check the path and the free space", path.display())]
+    #[error(
+        "{}: {error}; {}",
+        path.display(),
+        remedy::of_write(error).unwrap_or("check the path and the free space")
+    )]
     File {
         /// Path of the file.
         path: PathBuf,
@@ -60,6 +68,14 @@ pub enum StudyError {
         there: String,
         /// Value in the new plan.
         here: String,
+    },
+    /// Another process trains a seed.
+    #[error("{}: another process trains seed {seed}; wait for it", folder.display())]
+    Busy {
+        /// The seed.
+        seed: u64,
+        /// Folder of the study.
+        folder: PathBuf,
     },
     /// The folders together lack seeds.
     #[error(

@@ -1,101 +1,165 @@
 //! Training and evaluation of several seeds in parallel.
 
+use super::StudyError;
+use super::folder::{Claim, EvaluatedPolicy, Folder, SeedRun};
 use super::plan::Plan;
 use crate::evaluate::report::Report;
 use crate::simd::Isa;
 use crate::train::Training;
 use crate::trained::TrainedPolicy;
 use leg_control::policy::Policy;
+use rayon::ThreadPoolBuilder;
+use std::collections::VecDeque;
+use std::io;
 use std::num::NonZeroUsize;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::sync::mpsc::{Receiver, channel};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+use std::time::Duration;
 
-/// The result of one seed.
-#[derive(Clone, Debug)]
-pub struct SeedRun {
-    /// The seed.
-    pub seed: u64,
-    /// Log with a row for every episode, CSV.
-    pub learning_csv: Vec<u8>,
-    /// Policy and evaluation, or the reason why there is none.
-    pub outcome: Result<EvaluatedPolicy, String>,
-}
-
-/// A policy with its evaluation.
-#[derive(Clone, Debug)]
-pub struct EvaluatedPolicy {
-    /// The policy file.
-    pub policy: Vec<u8>,
-    /// Environment steps after which the best actor was found.
-    pub best_steps: u64,
-    /// Evaluation of the policy.
-    pub report: Report,
+/// What became of a seed.
+#[derive(Debug)]
+pub enum SeedEvent {
+    /// It was trained here, and its result is to be saved under the claim.
+    Trained(Box<SeedRun>, Claim),
+    /// Another process has completed it.
+    Elsewhere(u64),
+    /// All seeds that are left are being trained by other processes; this is one of them.
+    Waiting(u64),
+    /// Its folder cannot be used.
+    Failed(StudyError),
 }
 
 /// Seeds that run on threads of their own.
 #[derive(Debug)]
 pub struct Jobs {
-    /// Receives each seed when it is complete; closes when all are, or after a stop.
-    pub done: Receiver<SeedRun>,
-    stopped: Arc<AtomicBool>,
-    under_way: Arc<Vec<AtomicU64>>,
+    /// Receives what becomes of each seed; closes when all are complete, or after a stop.
+    pub events: Receiver<SeedEvent>,
+    /// Number of threads that could be started.
+    pub threads: usize,
+    shared: Arc<Shared>,
+}
+
+/// What the threads share.
+#[derive(Debug)]
+struct Shared {
+    folder: Folder,
+    /// Seeds that are not taken yet.
+    left: Mutex<VecDeque<u64>>,
+    stopped: AtomicBool,
+    /// Progress of each thread.
+    under_way: Vec<AtomicU64>,
 }
 
 /// Units in which the progress of one seed is counted.
 const WHOLE: f64 = 1e6;
+/// Time between two looks at seeds that other processes train.
+const WAIT: Duration = Duration::from_millis(200);
 
 impl Jobs {
-    /// Starts `jobs` threads, each of which runs one seed at a time.
+    /// Starts up to `jobs` threads, each of which runs one seed at a time.
     ///
-    /// # Panics
-    /// If the system cannot create a thread.
-    #[must_use]
-    pub fn start(plan: &Plan, seeds: Vec<u64>, jobs: NonZeroUsize) -> Self {
+    /// # Errors
+    /// Returns the system's error when not even one can be started.
+    pub fn start(folder: &Folder, seeds: Vec<u64>, jobs: NonZeroUsize) -> io::Result<Self> {
         let jobs = jobs.get().min(seeds.len());
-        let (sender, done) = channel();
-        let stopped = Arc::new(AtomicBool::new(false));
-        let under_way: Arc<Vec<AtomicU64>> =
-            Arc::new((0..jobs).map(|_| AtomicU64::new(0)).collect());
-        let plan = Arc::new(plan.clone());
-        let (seeds, next) = (Arc::new(seeds), Arc::new(AtomicUsize::new(0)));
+        let (sender, events) = channel();
+        let shared = Arc::new(Shared {
+            folder: folder.clone(),
+            left: Mutex::new(seeds.into()),
+            stopped: AtomicBool::new(false),
+            under_way: (0..jobs).map(|_| AtomicU64::new(0)).collect(),
+        });
+        let mut threads = 0;
         for job in 0..jobs {
-            let (plan, seeds, next) = (plan.clone(), seeds.clone(), next.clone());
-            let (sender, stopped) = (sender.clone(), stopped.clone());
-            let under_way = under_way.clone();
-            // The evaluation uses the pool of the calling thread. A pool of one keeps each job
-            // on its thread.
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
-            std::thread::spawn(move || {
-                while let Some(&seed) = seeds.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    let at = &under_way[job];
-                    let report = |share: f64| at.store((share * WHOLE) as u64, Ordering::Relaxed);
-                    let go_on = |share: f64| {
-                        report(share);
-                        !stopped.load(Ordering::Relaxed)
-                    };
-                    let Some(run) = pool.install(|| one(&plan, seed, go_on)) else { break };
-                    report(0.0);
-                    // The receiver is gone after a stop.
-                    if sender.send(run).is_err() {
-                        break;
-                    }
-                }
-            });
+            let (worker, sender) = (shared.clone(), sender.clone());
+            let work = move || {
+                // The evaluation uses the pool of its thread: this one keeps each job on its own.
+                let pool = ThreadPoolBuilder::new().num_threads(1).use_current_thread().build();
+                let _pool = pool.expect("no thread is started");
+                worker.work(job, &sender);
+            };
+            match thread::Builder::new().name(format!("job {job}")).spawn(work) {
+                Err(error) if job == 0 => return Err(error),
+                Err(_) => break,
+                Ok(_) => threads += 1,
+            }
         }
-        Self { done, stopped, under_way }
+        Ok(Self { events, threads, shared })
     }
 
     /// Returns the progress of all running seeds, in seeds.
     #[must_use]
     pub fn share_under_way(&self) -> f64 {
-        self.under_way.iter().map(|at| at.load(Ordering::Relaxed) as f64 / WHOLE).sum()
+        let under_way = self.shared.under_way.iter();
+        under_way.map(|at| at.load(Ordering::Relaxed) as f64 / WHOLE).sum()
     }
 }
 
 impl Drop for Jobs {
     fn drop(&mut self) {
-        self.stopped.store(true, Ordering::Relaxed);
+        self.shared.stopped.store(true, Ordering::Relaxed);
+    }
+}
+
+impl Shared {
+    /// Takes seeds until none is left. Ends early after a stop or a failure.
+    fn work(&self, job: usize, events: &Sender<SeedEvent>) {
+        let left = || self.left.lock().unwrap_or_else(PoisonError::into_inner);
+        let (mut refused, mut waits) = (0, false);
+        while !self.is_stopped() {
+            let Some(seed) = left().pop_front() else { return };
+            let event = match self.take(job, seed) {
+                Ok(Some(event)) => event,
+                // Another process trains it, and may be killed: it is tried again.
+                Ok(None) => {
+                    let mut left = left();
+                    left.push_back(seed);
+                    refused += 1;
+                    if refused < left.len() {
+                        continue;
+                    }
+                    drop(left);
+                    refused = 0;
+                    if !waits && events.send(SeedEvent::Waiting(seed)).is_err() {
+                        return;
+                    }
+                    waits = true;
+                    thread::sleep(WAIT);
+                    continue;
+                }
+                Err(error) => SeedEvent::Failed(error),
+            };
+            refused = 0;
+            let ends = matches!(event, SeedEvent::Failed(_));
+            // The receiver is gone after a stop.
+            if events.send(event).is_err() || ends {
+                return;
+            }
+        }
+    }
+
+    /// Trains a seed, unless another process does; `None` in this case, and after a stop.
+    fn take(&self, job: usize, seed: u64) -> Result<Option<SeedEvent>, StudyError> {
+        let Some(claim) = self.folder.claim(seed)? else { return Ok(None) };
+        if self.folder.report(seed)?.is_some() {
+            return Ok(Some(SeedEvent::Elsewhere(seed)));
+        }
+        let report = |share: f64| {
+            self.under_way[job].store((share * WHOLE) as u64, Ordering::Relaxed);
+        };
+        let go_on = |share: f64| {
+            report(share);
+            !self.is_stopped()
+        };
+        let run = one(self.folder.plan(), seed, go_on);
+        report(0.0);
+        Ok(run.map(|run| SeedEvent::Trained(Box::new(run), claim)))
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.stopped.load(Ordering::Relaxed)
     }
 }
 

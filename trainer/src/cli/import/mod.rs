@@ -10,6 +10,7 @@ use crate::bridge::ImportError;
 use crate::bridge::imported::{CompleteActor, Subject};
 use crate::evaluate::gains::search;
 use crate::policy::{PackedActor, PolicyInfo, blob, blob_with_manifest};
+use crate::threads::redraw;
 use anyhow::{Context, anyhow};
 use indicatif::{ProgressBar, ProgressStyle};
 use leg_control::policy::{GainPoint, Policy};
@@ -42,7 +43,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let checked = checked.transpose()?;
     let target = Target { path: &arguments.out, option: "--out" };
     // Before the search: the output must be writable, and the controller must accept the actor.
-    drop(target.begin()?);
+    target.check()?;
     let (policy, gains) = if let Some(mut card) = imported.card.clone() {
         card.name = name(&card.name)?;
         if let Some(gains) = arguments.gains() {
@@ -124,7 +125,7 @@ fn searched(imported: &CompleteActor) -> Vec<GainPoint> {
     let style = ProgressStyle::with_template("{spinner} {msg}  {elapsed}").expect("a template");
     let spinner = ProgressBar::new_spinner().with_style(style);
     spinner.set_message("searching the cascade's gains…");
-    spinner.enable_steady_tick(Duration::from_millis(200));
+    redraw(&spinner, Duration::from_millis(200));
     let gains = search(&imported.actor.actor());
     spinner.finish_and_clear();
     gains
