@@ -216,6 +216,17 @@ fn workers_on_one_folder_share_the_seeds() {
     assert_same(&at.join("whole"), &at.join("shared"));
 }
 
+/// As where the job's log is on a full disk.
+#[test]
+fn messages_that_cannot_be_written_do_not_end_a_study() {
+    let directory = tempfile::tempdir().unwrap();
+    let full = fs::File::options().write(true).open("/dev/full").unwrap();
+    let line = "study --preset air --steps 300 --eval-starts 20 --seeds 0..2 --out s";
+    let output = command(line, directory.path()).stderr(full).output().unwrap();
+    assert!(output.status.success());
+    assert!(directory.path().join("s/seeds/0001/report.json").exists());
+}
+
 /// The test holds a seed's lock as a worker does that trains it, and drops it as one that is
 /// killed.
 #[test]

@@ -3,6 +3,7 @@
 //! - [`signals`]: a stop flag raised by signals; the limit of file sizes as an error.
 //! - [`stdout`]: printing that tolerates a closed pipe.
 //! - [`remedy`]: what helps against an error of the system.
+//! - [`stderr`]: printing that a full disk does not stop.
 //! - [`atomic_file`]: output files that appear complete or not at all.
 //! - [`policy_file`]: policy blobs read into suitably aligned memory.
 
@@ -10,6 +11,7 @@ pub mod atomic_file;
 pub mod policy_file;
 pub mod remedy;
 pub mod signals;
+pub mod stderr;
 pub mod stdout;
 
 pub use signals::Stop;

@@ -2,7 +2,7 @@
 //! cannot be used.
 
 use std::fs;
-use std::io::{self, IsTerminal, stderr};
+use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
@@ -11,7 +11,7 @@ use anyhow::anyhow;
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use leg_process::{atomic_file, remedy, signals, stdout};
+use leg_process::{atomic_file, remedy, signals, stderr, stdout};
 use trainer::threads::{Threads, redraw};
 
 use crate::{
@@ -89,7 +89,7 @@ pub fn main() -> ExitCode {
         Err(Failure::Input(error)) => (error, 2),
         Err(Failure::Run(error)) => (error, 1),
     };
-    eprintln!("paper-figures: {error:#}");
+    stderr::print_line(format_args!("paper-figures: {error:#}"));
     ExitCode::from(status)
 }
 
@@ -104,7 +104,7 @@ fn write(path: &Path, text: &str) -> Result<(), Failure> {
 fn run(arguments: &Arguments) -> Result<(), Failure> {
     let threads = Threads::start().map_err(failed)?;
     if let Some(shortage) = threads.shortage() {
-        eprintln!("paper-figures: {shortage}");
+        stderr::print_line(format_args!("paper-figures: {shortage}"));
     }
     threads.pool.install(|| render(arguments))
 }
@@ -133,9 +133,9 @@ fn render(arguments: &Arguments) -> Result<(), Failure> {
         rendered.push((figure, result));
         until_s += cost_s;
         ctx.finish_figure(until_s);
-        if !stderr().is_terminal() {
+        if !io::stderr().is_terminal() {
             let took_s = began.elapsed().as_secs_f64();
-            eprintln!("{}: {} ({took_s:.0} s)", figure.id(), figure.title());
+            stderr::print_line(format_args!("{}: {} ({took_s:.0} s)", figure.id(), figure.title()));
         }
     }
     bar.finish_and_clear();
@@ -178,7 +178,7 @@ fn reference(given: Option<&Path>) -> Result<Option<Reference>, Failure> {
 }
 
 fn bar(cost_s: f64) -> ProgressBar {
-    if !stderr().is_terminal() {
+    if !io::stderr().is_terminal() {
         return ProgressBar::hidden();
     }
     let style = "{bar:30} {percent:>3} %  {elapsed}, {eta} to go  {msg}";

@@ -1,13 +1,13 @@
 //! The command `trainer infer`.
 
-use super::output::Target;
+use super::output::{Target, print};
 use super::{Failure, columns, failed, input};
 use anyhow::Context;
 use clap::Args;
 use leg_control::actor::Observation;
 use leg_control::policy::Policy;
 use leg_process::policy_file::PolicyFile;
-use std::io::{Read, Write};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, Args)]
@@ -42,11 +42,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let actions = infer(&policy, &source, from)?;
     match target {
         Some(target) => target.write(&actions),
-        None => {
-            let mut stdout = std::io::stdout().lock();
-            let written = stdout.write_all(&actions).and_then(|()| stdout.flush());
-            written.map_err(failed)
-        }
+        None => print(&String::from_utf8_lossy(&actions)),
     }
 }
 

@@ -18,6 +18,7 @@ mod study;
 mod train;
 
 use clap::{Parser, Subcommand, ValueEnum};
+use leg_process::stderr;
 use std::process::ExitCode;
 
 use crate::simd::Isa;
@@ -120,7 +121,7 @@ pub fn main() -> ExitCode {
     if broken_pipe {
         return ExitCode::SUCCESS;
     }
-    eprintln!("trainer: {error:#}");
+    stderr::print_line(format_args!("trainer: {error:#}"));
     ExitCode::from(status)
 }
 

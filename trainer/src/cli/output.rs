@@ -3,7 +3,7 @@
 use super::{Failure, failed};
 use crate::threads::Threads;
 use anyhow::anyhow;
-use leg_process::{atomic_file, remedy};
+use leg_process::{atomic_file, remedy, stderr};
 use rayon::ThreadPool;
 use std::fs::File;
 use std::io::{self, Write};
@@ -69,7 +69,7 @@ pub(crate) fn pool() -> Result<&'static ThreadPool, Failure> {
     }
     let threads = Threads::start().map_err(failed)?;
     if let Some(shortage) = threads.shortage() {
-        eprintln!("trainer: {shortage}");
+        stderr::print_line(format_args!("trainer: {shortage}"));
     }
     Ok(&THREADS.get_or_init(|| threads).pool)
 }

@@ -15,7 +15,7 @@ use crate::threads::redraw;
 use anyhow::{Context, anyhow};
 use clap::{Args, Subcommand};
 use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
-use leg_process::{Stop, remedy};
+use leg_process::{Stop, remedy, stderr};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::sync::mpsc::RecvTimeoutError;
@@ -112,7 +112,10 @@ impl Study {
         }
         let all = shard.of(self.seeds).count();
         if missing.len() < all {
-            eprintln!("{} of {all} seeds are already complete.", all - missing.len());
+            stderr::print_line(format_args!(
+                "{} of {all} seeds are already complete.",
+                all - missing.len()
+            ));
         }
         if !missing.is_empty() {
             let jobs = NonZeroUsize::new(usize::from(self.jobs)).unwrap_or(NonZeroUsize::MIN);
@@ -151,7 +154,10 @@ fn train(folder: &Folder, seeds: Vec<u64>, jobs: NonZeroUsize) -> Result<(), Fai
     let wanted = jobs.get().min(all);
     if work.threads < wanted {
         let count = work.threads;
-        eprintln!("{count} instead of {wanted} jobs can run; {}", remedy::OF_THREAD);
+        stderr::print_line(format_args!(
+            "{count} instead of {wanted} jobs can run; {}",
+            remedy::OF_THREAD
+        ));
     }
     let mut done = 0;
     while done < all && !stop.is_raised() {
@@ -164,15 +170,22 @@ fn train(folder: &Folder, seeds: Vec<u64>, jobs: NonZeroUsize) -> Result<(), Fai
                 let to_go = began.elapsed().mul_f64((all - done) as f64 / done as f64);
                 let line = seed_line(&report);
                 bar.suspend(|| {
-                    eprintln!("{line}  [{done} of {all}, {} to go]", HumanDuration(to_go));
+                    stderr::print_line(format_args!(
+                        "{line}  [{done} of {all}, {} to go]",
+                        HumanDuration(to_go)
+                    ));
                 });
             }
             Ok(SeedEvent::Elsewhere(seed)) => {
                 done += 1;
-                bar.suspend(|| eprintln!("seed {seed}: another process trained it"));
+                bar.suspend(|| {
+                    stderr::print_line(format_args!("seed {seed}: another process trained it"));
+                });
             }
             Ok(SeedEvent::Waiting(seed)) => bar.suspend(|| {
-                eprintln!("waiting for other processes, which train the rest, such as seed {seed}");
+                stderr::print_line(format_args!(
+                    "waiting for other processes, which train the rest, such as seed {seed}"
+                ));
             }),
             Ok(SeedEvent::Failed(error)) => return Err(refused(error)),
             Err(RecvTimeoutError::Timeout) => {}
@@ -231,9 +244,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
             let merged = merge::merge(folders, out).map_err(refused)?;
             if !merged.duplicates.is_empty() {
                 let seeds = list(&merged.duplicates);
-                eprintln!(
+                stderr::print_line(format_args!(
                     "These seeds are in more than one folder, with the same results: {seeds}."
-                );
+                ));
             }
             let (reports, _) = merged.folder.reports().map_err(refused)?;
             summarise(&merged.folder, reports)

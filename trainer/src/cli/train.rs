@@ -15,8 +15,8 @@ use crate::trained::TrainedPolicy;
 use anyhow::{Context, anyhow};
 use clap::Args;
 use leg_control::policy::{ParseError, Policy};
-use leg_process::Stop;
 use leg_process::policy_file::{AlignedBytes, PolicyFile};
+use leg_process::{Stop, stderr};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -282,7 +282,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut run = open(arguments)?;
     let before = run.training().total_steps();
     if before > 0 && !arguments.quiet {
-        eprintln!("resuming from step {before}");
+        stderr::print_line(format_args!("resuming from step {before}"));
     }
     let ended = pool.install(|| run.learn(&stop)).map_err(failure)?;
     let took = began.elapsed();

@@ -3,7 +3,8 @@
 use super::recent::RecentEpisodes;
 use crate::train::Training;
 use indicatif::{ProgressBar, ProgressStyle};
-use std::io::{IsTerminal, stderr};
+use leg_process::stderr;
+use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
 /// Steps of the whole bar.
@@ -36,7 +37,7 @@ impl Progress {
     pub fn new(training: &Training, quiet: bool) -> Self {
         let shown = if quiet {
             Shown::Nothing
-        } else if stderr().is_terminal() {
+        } else if std::io::stderr().is_terminal() {
             let style = ProgressStyle::with_template("{bar:30} {percent:>3} %  {elapsed}{msg}");
             let style = style.expect("a valid template");
             Shown::Bar(ProgressBar::new(BAR as u64).with_style(style))
@@ -85,7 +86,11 @@ impl Progress {
                 bar.set_message(format!(", {text}"));
             }
             Shown::Lines => {
-                eprintln!("step {}, {:.0} %, {text}", training.total_steps(), 100.0 * share);
+                stderr::print_line(format_args!(
+                    "step {}, {:.0} %, {text}",
+                    training.total_steps(),
+                    100.0 * share
+                ));
             }
             Shown::Nothing => {}
         }
