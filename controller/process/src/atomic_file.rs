@@ -11,7 +11,9 @@ use std::sync::atomic::{AtomicU32, Ordering};
 /// Numbers the temporary files of this process.
 static NEXT: AtomicU32 = AtomicU32::new(0);
 /// Prefix of the names of temporary files.
-pub const TEMPORARY_PREFIX: &str = ".tmp";
+const TEMPORARY: &str = ".tmp";
+/// What precedes the machine's name in them.
+const AT: char = '@';
 /// Bit of a folder's mode: only the owner of a file may replace it.
 const STICKY: u32 = 0o1000;
 /// `EPERM`, the error of a file that even its owner cannot change, such as an immutable one.
@@ -54,10 +56,11 @@ impl Temporary {
     fn create_in(folder: &Path) -> io::Result<(File, Self)> {
         loop {
             let number = NEXT.fetch_add(1, Ordering::Relaxed);
-            let path = folder.join(format!("{TEMPORARY_PREFIX}{}-{number}", process::id()));
+            let name = format!("{TEMPORARY}{}-{number}{AT}{}", process::id(), machine());
+            let path = folder.join(name);
             match File::options().read(true).write(true).create_new(true).open(&path) {
                 Ok(file) => return Ok((file, Self(path))),
-                // A process of the same id on another host, or one that was killed.
+                // A process of the same id in another container, or one that was killed.
                 Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
                 Err(error) => return Err(error),
             }
@@ -142,7 +145,7 @@ impl AtomicFile {
         let mut file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
         file.sync_all()?;
         let Err(error) = fs::rename(&temporary.0, &self.path) else { return Ok(()) };
-        // The file may have become a mount point since, or is one that was not recognised.
+        // The file may have become a mount point since, or be one that was not recognised.
         let mut content = Vec::new();
         let read = file.rewind().and_then(|()| file.read_to_end(&mut content));
         if self.path.is_file() && read.and_then(|_| overwrite(&self.path, &content)).is_ok() {
@@ -187,6 +190,31 @@ pub fn write(path: &Path, content: &[u8]) -> io::Result<()> {
 /// As [`AtomicFile::create`].
 pub fn check(path: &Path) -> io::Result<()> {
     AtomicFile::create(path).map(drop)
+}
+
+/// Removes the temporary files of this machine's processes from `folder`. The caller makes
+/// sure, by a lock, that none of them is writing there: then these are of processes that
+/// were killed. Those of other machines, which a lock may not reach, are left.
+///
+/// # Errors
+/// Returns the system's error.
+pub fn remove_abandoned(folder: &Path) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        let is_here = || name.split_once(AT).is_none_or(|(_, at)| at == machine());
+        if name.starts_with(TEMPORARY) && is_here() {
+            fs::remove_file(entry.path())?;
+        }
+    }
+    Ok(())
+}
+
+/// Returns the name of this machine.
+fn machine() -> String {
+    let name = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    name.trim().replace('/', "_")
 }
 
 /// Follows symbolic links, also to a file that does not exist yet.
@@ -285,6 +313,20 @@ mod tests {
         assert!(write(folder.path(), b"a folder is no file").is_err());
         let error = write(&folder.path().join("no/such/folder"), b"").unwrap_err();
         assert_eq!(error.to_string(), "No such file or directory (os error 2)");
+    }
+
+    #[test]
+    fn abandoned_files_of_this_machine_only_are_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let (_, temporary) = Temporary::create_in(folder.path()).unwrap();
+        let abandoned = temporary.keep();
+        for name in ["file", ".tmp1-0@another-machine", ".tmp1-0"] {
+            fs::write(at(name), "").unwrap();
+        }
+        remove_abandoned(folder.path()).unwrap();
+        assert!(!abandoned.exists());
+        assert_eq!(names(folder.path()), [".tmp1-0@another-machine", "file"]);
     }
 
     #[test]

@@ -4,7 +4,7 @@ use super::StudyError;
 use super::plan::Plan;
 use crate::evaluate::metric::Metric;
 use crate::evaluate::report::Report;
-use leg_process::atomic_file::{self, TEMPORARY_PREFIX};
+use leg_process::atomic_file;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt::Display;
@@ -226,8 +226,8 @@ impl Folder {
     /// Creates a seed's folder and locks it; `None` while another process holds the lock.
     ///
     /// Only the holder writes into the folder, so temporary files there are those of a
-    /// process that was killed, and are removed. On a file system without locks, processes
-    /// may do the same work twice, with the same result.
+    /// process that was killed, and are removed. On a file system without locks, or whose
+    /// locks do not reach other machines, a seed may be trained twice, with the same result.
     ///
     /// # Errors
     /// [`StudyError::File`] when the seed's files could not be written.
@@ -237,7 +237,7 @@ impl Folder {
         fs::create_dir_all(&folder).map_err(failed())?;
         let lock = File::open(&folder).map_err(failed())?;
         match lock.try_lock() {
-            Ok(()) => remove_temporaries(&folder).map_err(failed())?,
+            Ok(()) => atomic_file::remove_abandoned(&folder).map_err(failed())?,
             Err(TryLockError::WouldBlock) => return Ok(None),
             Err(TryLockError::Error(_)) => {}
         }
@@ -246,17 +246,6 @@ impl Folder {
         atomic_file::check(&report).map_err(StudyError::file(&report))?;
         Ok(Some(Claim { folder, _lock: lock }))
     }
-}
-
-/// Removes the temporary files of a process that was killed.
-fn remove_temporaries(folder: &Path) -> std::io::Result<()> {
-    for entry in fs::read_dir(folder)? {
-        let entry = entry?;
-        if entry.file_name().to_string_lossy().starts_with(TEMPORARY_PREFIX) {
-            fs::remove_file(entry.path())?;
-        }
-    }
-    Ok(())
 }
 
 /// Reads a file; `None` where it does not exist.
