@@ -6,9 +6,11 @@
 //! - [`stderr`]: printing that a full disk does not stop.
 //! - [`atomic_file`]: output files that appear complete or not at all.
 //! - [`policy_file`]: policy blobs read into suitably aligned memory.
+//! - [`program`]: the running program, to start it again.
 
 pub mod atomic_file;
 pub mod policy_file;
+pub mod program;
 pub mod remedy;
 pub mod signals;
 pub mod stderr;

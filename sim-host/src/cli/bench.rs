@@ -50,7 +50,7 @@ pub(super) fn main(bench: &Bench) -> anyhow::Result<ExitCode> {
 fn measure(args: &LoopArgs) -> anyhow::Result<()> {
     let name = format!("bench-{}", std::process::id());
     let domain = Domain::join(&name)?;
-    let mut echo = Command::new(std::env::current_exe()?)
+    let mut echo = Command::new(leg_process::program::current()?)
         .args(["bench", "echo", "--domain", &name])
         .args(["--rounds", &args.size.rounds.to_string()])
         .args(["--exchanges", &args.size.exchanges.to_string()])

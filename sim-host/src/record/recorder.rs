@@ -97,7 +97,7 @@ impl Recorder {
         config: &Config,
         on_full: OnFull,
     ) -> Result<(Self, RecordTap), RecordError> {
-        let program = std::env::current_exe().map_err(|error| RecordError::Begin {
+        let program = leg_process::program::current().map_err(|error| RecordError::Begin {
             path: path.to_owned(),
             cause: error.to_string(),
         })?;

@@ -74,7 +74,7 @@ impl ControllerChild {
     /// # Errors
     /// If the program cannot be started.
     pub fn spawn(args: &ControllerArgs) -> io::Result<Self> {
-        Self::spawn_program(&std::env::current_exe()?, args)
+        Self::spawn_program(&leg_process::program::current()?, args)
     }
 
     /// Like [`ControllerChild::spawn`], with the path of the `sim-host` program.

@@ -17,6 +17,10 @@ use crate::operate::{LegRequest, LegStatus};
 const PRESENCE_INTERVAL: Duration = Duration::from_millis(25);
 /// Time between two status requests.
 const STATUS_INTERVAL: Duration = Duration::from_millis(100);
+/// Time for which joining may fail, while leg and controller create their services.
+const REPORT_AFTER: Duration = Duration::from_secs(1);
+/// Time between two later tries to join.
+const RETRY_INTERVAL: Duration = Duration::from_millis(500);
 /// Longest wait for an answer.
 const TIMEOUT: Duration = Duration::from_millis(500);
 
@@ -33,6 +37,8 @@ enum Answer {
 pub(super) struct Feed {
     domain: String,
     observer: Option<Observer>,
+    /// Since when joining has failed, and when it was tried last.
+    failing: Option<(Instant, Instant)>,
     checked: Option<Instant>,
     requests: Option<Sender<LegRequest>>,
     answers: Receiver<Answer>,
@@ -57,6 +63,7 @@ impl Feed {
         Ok(Self {
             domain,
             observer: None,
+            failing: None,
             checked: None,
             requests: Some(requests),
             answers,
@@ -105,8 +112,29 @@ impl Feed {
                 scene.clear();
             }
         } else if self.observer.is_none() {
-            // The services may not exist yet; the next check tries again.
-            self.observer = Observer::join(&self.domain).ok();
+            self.join(scene);
+        }
+    }
+}
+
+impl Feed {
+    /// Tries to join the domain, whose services may not exist yet. Shows the reason when it
+    /// has failed for a while, for example because there are too many observers.
+    fn join(&mut self, scene: &mut Scene) {
+        let now = Instant::now();
+        let (since, tried) = *self.failing.get_or_insert((now, now));
+        let is_settled = now - since >= REPORT_AFTER;
+        if is_settled && now - tried < RETRY_INTERVAL {
+            return;
+        }
+        match Observer::join(&self.domain) {
+            Ok(observer) => (self.observer, self.failing) = (Some(observer), None),
+            Err(error) => {
+                self.failing = Some((since, now));
+                if is_settled {
+                    scene.show_message(error.to_string());
+                }
+            }
         }
     }
 }

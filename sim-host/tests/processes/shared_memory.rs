@@ -157,3 +157,31 @@ fn a_missing_peer_is_looked_for_in_other_domains() {
     controller.end().assert_ok();
     place.assert_clean();
 }
+
+#[test]
+fn a_limit_of_open_files_is_raised_or_named() {
+    let place = Place::new();
+    let run = |limit: &str| {
+        let mut command = Command::new("sh");
+        command.args(["-c", &format!("ulimit {limit}; exec \"$@\""), "sh", PROGRAM]);
+        command.args(["run", "--spawn"]).args(SHORT).current_dir(place.file(""));
+        Running::start(&mut command).end()
+    };
+    run("-Sn 12").assert_ok();
+    run("-n 20").assert(1, &["20 open files are allowed, 64 are needed", "ulimit -n 64"]);
+    place.assert_clean();
+}
+
+/// A build replaces the program of a run that goes on.
+#[test]
+fn a_program_whose_file_was_removed_starts_its_controller() {
+    let place = Place::new();
+    let copy = place.file("sim-host");
+    fs::copy(PROGRAM, &copy).unwrap();
+    let script = "exec 3< \"$1\"; rm \"$1\"; shift; exec /proc/self/fd/3 \"$@\"";
+    let mut command = Command::new("sh");
+    command.args(["-c", script, "sh", text(&copy), "run", "--spawn"]).args(SHORT);
+    Running::start(&mut command).end().assert_ok();
+    assert!(!copy.exists());
+    place.assert_clean();
+}

@@ -102,7 +102,7 @@ pub fn run(args: &Args) -> Result<(), BenchError> {
 
 /// Returns the command that starts this program again as the traced copy.
 fn traced_copy(args: &Args) -> std::io::Result<Command> {
-    let mut copy = Command::new(std::env::current_exe()?);
+    let mut copy = Command::new(leg_process::program::current()?);
     // Called as `controller bench` or as `sim-host controller bench`.
     copy.args(std::env::args_os().skip(1).take_while(|arg| arg != "bench")).arg("bench");
     if let Some(policy) = &args.policy {

@@ -35,6 +35,9 @@ pub(super) const BASE_PREFIX: &str = "spring-leg-";
 
 /// How long to wait while another process joins or leaves the same domain.
 const CLEAN_UP_TIMEOUT: Duration = Duration::from_secs(2);
+/// How long to wait while another process creates its services and ports: it retries each
+/// for up to 2 s.
+const CREATION_TIMEOUT: Duration = Duration::from_secs(10);
 const RETRY: Duration = Duration::from_millis(2);
 
 /// A domain could not be joined.
@@ -64,12 +67,14 @@ pub enum DomainError {
     NoRoom(#[from] NoRoom),
     /// Another process has been joining or leaving for longer than the limit.
     #[error(
-        "another process that joins or leaves has locked {} for {CLEAN_UP_TIMEOUT:?}; is it stopped?",
+        "another process that joins or leaves has locked {} for {waited:?}; is it stopped?",
         path.display()
     )]
     Busy {
         /// The folder or file that it has locked.
         path: PathBuf,
+        /// How long this process has waited.
+        waited: Duration,
     },
     /// The folder of the domain was removed while this process used it.
     #[error(
@@ -269,7 +274,7 @@ impl Domain {
                 }
             }
             if Instant::now() >= deadline {
-                return Err(DomainError::Busy { path });
+                return Err(DomainError::Busy { path, waited: CLEAN_UP_TIMEOUT });
             }
             std::thread::sleep(RETRY);
         }
@@ -310,19 +315,21 @@ impl Domain {
     ///
     /// # Errors
     /// Returns [`DomainError::Busy`] when another process keeps the lock for longer than
-    /// two seconds, or another error when the file system fails.
+    /// 10 s, or another error when the file system fails.
     pub fn lock_creation(&self) -> Result<File, DomainError> {
         let path = self.root().join("creation.lock");
         let open = File::options().create(true).truncate(false).write(true).open(&path);
         let file = open.map_err(io_error("open", &path))?;
-        let deadline = Instant::now() + CLEAN_UP_TIMEOUT;
+        let deadline = Instant::now() + CREATION_TIMEOUT;
         loop {
             match file.try_lock() {
                 Ok(()) => break,
                 Err(TryLockError::WouldBlock) if Instant::now() < deadline => {
                     std::thread::sleep(RETRY);
                 }
-                Err(TryLockError::WouldBlock) => return Err(DomainError::Busy { path }),
+                Err(TryLockError::WouldBlock) => {
+                    return Err(DomainError::Busy { path, waited: CREATION_TIMEOUT });
+                }
                 Err(TryLockError::Error(cause)) => return Err(io_error("lock", &path)(cause)),
             }
         }

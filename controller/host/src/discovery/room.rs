@@ -1,4 +1,5 @@
-//! Room for shared memory: checked before it is created, and reserved after.
+//! Room for shared memory and open files: checked before a domain is joined, and memory
+//! reserved after it was created.
 
 use std::fs::File;
 use std::io;
@@ -6,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use rustix::fs::{FallocateFlags, StatVfsMountFlags, fallocate, statvfs};
 use rustix::io::Errno;
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 /// Bytes that a domain needs: shared memory and files of two processes, of a recorder
 /// and of a live view, each at least one page of 4 KiB, and as much again for those of
@@ -13,6 +15,10 @@ use rustix::io::Errno;
 const NEEDED_BYTES: u64 = 256 * 1024;
 /// Files that a domain needs.
 const NEEDED_FILES: u64 = 128;
+
+/// Files that a process has open at most: two dozen for shared memory, locks, signals and the
+/// recording, and one for each client of its socket.
+const NEEDED_OPEN_FILES: u64 = 64;
 
 /// There is no room for the shared memory of a domain.
 #[derive(Debug, thiserror::Error)]
@@ -50,6 +56,16 @@ pub enum NoRoom {
         /// Files needed.
         needed: u64,
     },
+    /// This process may not open enough files.
+    #[error(
+        "{allowed} open files are allowed, {needed} are needed: raise the limit (`ulimit -n {needed}`)"
+    )]
+    OpenFiles {
+        /// Files that the process may have open.
+        allowed: u64,
+        /// Files that it needs.
+        needed: u64,
+    },
     /// Nothing can be created.
     #[error("{} is read-only, so there can be no shared memory; mount it writable", .0.display())]
     ReadOnly(PathBuf),
@@ -63,8 +79,22 @@ pub enum NoRoom {
     },
 }
 
-/// Checks that the file system of `folder` has room for a domain.
+/// Checks that this process may open enough files; raises its limit to that number if the
+/// system permits.
+fn check_open_files() -> Result<(), NoRoom> {
+    let limit = getrlimit(Resource::Nofile);
+    let Some(allowed) = limit.current.filter(|allowed| *allowed < NEEDED_OPEN_FILES) else {
+        return Ok(());
+    };
+    let raised = Rlimit { current: Some(NEEDED_OPEN_FILES), maximum: limit.maximum };
+    setrlimit(Resource::Nofile, raised)
+        .map_err(|_| NoRoom::OpenFiles { allowed, needed: NEEDED_OPEN_FILES })
+}
+
+/// Checks that this process may open enough files, and that the file system of `folder` has
+/// room for a domain.
 pub(super) fn check(folder: &Path) -> Result<(), NoRoom> {
+    check_open_files()?;
     let path = || folder.to_owned();
     let found =
         statvfs(folder).map_err(|cause| NoRoom::Io { path: path(), cause: cause.into() })?;

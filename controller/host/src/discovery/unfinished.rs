@@ -10,13 +10,14 @@
 //! - Connections between ports are created without it, while the loops run. A thread
 //!   removes those that have been unfinished for longer than creation can take.
 
+use std::collections::HashMap;
 use std::fs::{self, Metadata};
 use std::io;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, RecvTimeoutError, Sender};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::domain::{objects, paths_in};
 
@@ -38,8 +39,9 @@ impl Sweeper {
     pub(super) fn start(folder: PathBuf, prefix: String) -> io::Result<Self> {
         let (end, ended) = mpsc::channel();
         let thread = std::thread::Builder::new().name("sweeper".into()).spawn(move || {
+            let mut seen = FirstSeen::default();
             while let Err(RecvTimeoutError::Timeout) = ended.recv_timeout(INTERVAL) {
-                remove(unfinished(&folder, &prefix).filter(|path| is_old(path)));
+                remove(seen.abandoned(unfinished(&folder, &prefix), Instant::now()));
             }
         })?;
         Ok(Self { end: Some(end), thread: Some(thread) })
@@ -52,6 +54,26 @@ impl Drop for Sweeper {
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
+    }
+}
+
+/// Unfinished objects, and when each was seen first. (Their own times are those of the
+/// wall clock, which may be set while a run goes on.)
+#[derive(Debug, Default)]
+struct FirstSeen(HashMap<PathBuf, Instant>);
+
+impl FirstSeen {
+    /// Returns the objects among `unfinished` that have been so for longer than creation
+    /// takes.
+    fn abandoned(
+        &mut self,
+        unfinished: impl Iterator<Item = PathBuf>,
+        now: Instant,
+    ) -> impl Iterator<Item = PathBuf> {
+        let since = |path: &PathBuf| self.0.get(path).copied().unwrap_or(now);
+        self.0 = unfinished.map(|path| (path.clone(), since(&path))).collect();
+        let is_old = move |since: &Instant| now.duration_since(*since) >= ABANDONED_AFTER;
+        self.0.iter().filter(move |(_, since)| is_old(since)).map(|(path, _)| path.clone())
     }
 }
 
@@ -88,13 +110,6 @@ fn is_readable(metadata: &Metadata) -> bool {
     metadata.permissions().mode() & OWNER_READS != 0
 }
 
-fn is_old(path: &Path) -> bool {
-    is(path, |metadata| {
-        let age = metadata.modified().ok().and_then(|time| time.elapsed().ok());
-        age.is_some_and(|age| age >= ABANDONED_AFTER)
-    })
-}
-
 /// Returns the paths of the files in a folder and in the folders below.
 fn walk(folder: &Path) -> Vec<PathBuf> {
     let (folders, mut files): (Vec<_>, Vec<_>) = paths_in(folder).partition(|path| path.is_dir());
@@ -106,8 +121,6 @@ fn walk(folder: &Path) -> Vec<PathBuf> {
 mod tests {
     use super::*;
     use crate::discovery::Domain;
-    use std::fs::File;
-    use std::time::SystemTime;
 
     #[test]
     fn what_a_killed_process_left_unfinished_is_removed_and_nothing_else() {
@@ -116,33 +129,33 @@ mod tests {
         let nodes = domain.root().join("nodes/1");
         fs::create_dir_all(&nodes).unwrap();
         let memory = |name: &str| Path::new("/dev/shm").join(format!("{}{name}", domain.prefix()));
-        let write = |path: PathBuf, bytes: &str, mode: u32, age_s: u64| {
+        let write = |path: PathBuf, bytes: &str, mode: u32| {
             fs::write(&path, bytes).unwrap();
-            let time = SystemTime::now() - Duration::from_secs(age_s);
-            File::options().write(true).open(&path).unwrap().set_modified(time).unwrap();
             fs::set_permissions(&path, fs::Permissions::from_mode(mode)).unwrap();
             path
         };
-        let old = [
-            write(memory("empty.dynamic"), "", 0o600, 10),
-            write(memory("unreadable.data"), "x", 0o200, 10),
-            write(nodes.join("details"), "x", 0o200, 10),
-            write(memory("old.connection"), "", 0o600, 10),
+        let services_and_ports = [
+            write(memory("empty.dynamic"), "", 0o600),
+            write(memory("unreadable.data"), "x", 0o200),
+            write(nodes.join("details"), "x", 0o200),
         ];
-        let new =
-            [write(memory("new.dynamic"), "", 0o600, 0), write(nodes.join("new"), "x", 0o200, 0)];
-        let kept = [
-            write(memory("whole.data"), "x", 0o600, 10),
-            write(memory("new.connection"), "", 0o200, 0),
-            write(nodes.join("tag"), "", 0o400, 10),
-            write(domain.root().join("leg.role"), "", 0o600, 10),
+        let connection = write(memory("empty.connection"), "", 0o600);
+        let finished = [
+            write(memory("whole.data"), "x", 0o600),
+            write(nodes.join("tag"), "", 0o400),
+            write(domain.root().join("leg.role"), "", 0o600),
         ];
-        let there = |path: &PathBuf| path.exists();
-        remove(unfinished(domain.root(), domain.prefix()).filter(|path| is_old(path)));
-        assert!(!old.iter().any(there) && new.iter().all(there) && kept.iter().all(there));
-        let lock = domain.lock_creation().unwrap();
-        assert!(!new.iter().any(there), "their creator does not hold the lock, so it is dead");
-        assert!(kept.iter().all(there), "{kept:?}");
-        drop(lock);
+        let _lock = domain.lock_creation().unwrap();
+        assert!(!services_and_ports.iter().any(|path| path.exists()), "their creator is dead");
+        assert!(connection.exists(), "its creator may live");
+
+        let (mut seen, start) = (FirstSeen::default(), Instant::now());
+        let mut abandoned = |after: Duration| -> Vec<PathBuf> {
+            seen.abandoned(unfinished(domain.root(), domain.prefix()), start + after).collect()
+        };
+        assert!(abandoned(Duration::ZERO).is_empty());
+        assert!(abandoned(ABANDONED_AFTER / 2).is_empty());
+        assert_eq!(abandoned(ABANDONED_AFTER), [connection]);
+        assert!(finished.iter().all(|path| path.exists()), "{finished:?}");
     }
 }

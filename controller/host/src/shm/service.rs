@@ -11,8 +11,8 @@ use super::payload::{Message, Payload};
 use crate::discovery::Domain;
 use crate::link::SessionParams;
 
-/// Subscribers of each service: the peer, a recorder, a live view, and a spare one.
-const MAX_READERS: usize = 4;
+/// Subscribers of each service: the peer, and seven observers such as live views.
+const MAX_READERS: usize = 8;
 /// Processes at a service: both roles, the other readers, and dead ones that are being
 /// cleaned up.
 const MAX_NODES: usize = 16;
