@@ -18,6 +18,6 @@ fn bench_loop_reports_times_of_the_tick_and_its_transports() {
         assert!(us("p99") <= us("p99_9") && us("p99_9") <= us("max"), "{report}");
     }
     assert!(report["ticks_per_s"].as_f64().expect("a rate") > 0.0);
-    // The shipped policy has played the whole demonstration.
+    // The shipped policy has run the whole demonstration.
     assert!(report["ticks"].as_u64().expect("a count") > 10_000, "{report}");
 }

@@ -37,7 +37,7 @@ fn reproduces_the_golden_cases_from_a_file() {
     assert_eq!(hops.lines().next(), GOLDEN.lines().next());
     let mut golden = GOLDEN.lines().skip(1);
     for_each_row(&hops, |row| {
-        // The input columns come back as they were, and the numbers to the last bit.
+        // The input columns are repeated unchanged, and the numbers agree to the last bit.
         let expected: Vec<&str> = golden.next().unwrap().split(',').collect();
         assert_eq!(row.cells[..9], expected[..9], "line {}", row.line);
         let hop = Case::of(row).hop();

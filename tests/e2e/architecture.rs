@@ -136,7 +136,7 @@ fn the_trainer_compiles_few_packages_and_no_transport() {
     let names: BTreeSet<&str> =
         tree.lines().filter_map(|line| line.split_whitespace().next()).collect();
     assert!(names.len() <= MOST_PACKAGES_OF_THE_TRAINER, "{} packages", names.len());
-    for transport in ["leg-host", "iceoryx2", "serialport"] {
+    for transport in ["leg-host", "iceoryx2"] {
         assert!(!names.contains(transport), "{transport}");
     }
 }

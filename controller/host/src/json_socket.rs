@@ -21,7 +21,7 @@ use serde_json::Value;
 
 use super::discovery::{Domain, DomainError, Whereabouts};
 use super::link::Role;
-use super::socket::{SocketError, SocketFile};
+use super::socket::{SocketError, SocketFile, connect};
 
 /// Longest request and longest answer, bytes.
 pub const MAX_LINE: usize = 4 << 20;
@@ -244,9 +244,15 @@ fn ask_at<Q: Serialize, R: DeserializeOwned>(
     }
     let exchange = || -> io::Result<Vec<u8>> {
         let deadline = Instant::now() + timeout;
-        let mut socket = UnixStream::connect(&path)?;
-        write_line(&mut socket, &line, deadline)?;
-        read_line(&mut socket, deadline)
+        let mut socket = connect(&path)?;
+        socket.set_nonblocking(false)?;
+        let written = write_line(&mut socket, &line, deadline);
+        // The process may answer and close before it has read the whole request: an answer that
+        // has arrived is read before a failure to write is reported.
+        match (read_line(&mut socket, deadline), written) {
+            (Err(_), Err(error)) => Err(error),
+            (answer, _) => answer,
+        }
     };
     let answer = exchange().map_err(|cause| match cause.kind() {
         ErrorKind::NotFound | ErrorKind::ConnectionRefused => AskError::Nobody {

@@ -1,4 +1,4 @@
-//! The file of a listening unix socket: made, kept apart from others', removed.
+//! Unix sockets: the file of a listening one, which is removed at its end, and connecting.
 
 use std::fs;
 use std::io;
@@ -6,20 +6,34 @@ use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 
+use rustix::net::{self, AddressFamily, SocketAddrUnix, SocketFlags, SocketType};
+
+/// Connects to the unix socket at `path`, without waiting: a process that is stopped takes no
+/// callers from its queue, and a blocking connect to a full queue has no limit.
+///
+/// # Errors
+/// Returns the error of the system; [`io::ErrorKind::WouldBlock`] when the queue is full.
+pub fn connect(path: &Path) -> io::Result<UnixStream> {
+    let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
+    let socket = net::socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None)?;
+    net::connect(&socket, &SocketAddrUnix::new(path)?)?;
+    Ok(socket.into())
+}
+
 /// Why there is no socket at a path.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SocketError {
-    /// Somebody listens there.
+    /// Another process listens there.
     #[error("another process listens on {}; end it, or choose another path", .0.display())]
     InUse(PathBuf),
-    /// Something else is there.
+    /// The path names something else.
     #[error("{} is there and is no socket; remove it, or choose another path", .0.display())]
     NoSocket(PathBuf),
-    /// The system refused.
+    /// The system refuses.
     #[error("cannot listen on {}: {cause}", path.display())]
     Io {
-        /// Where.
+        /// The path.
         path: PathBuf,
         /// The error of the system.
         cause: io::Error,
@@ -47,7 +61,7 @@ impl SocketFile {
                 if !is_socket {
                     return Err(SocketError::NoSocket(path.to_owned()));
                 }
-                match UnixStream::connect(path) {
+                match connect(path) {
                     Err(error) if error.kind() == io::ErrorKind::ConnectionRefused => (),
                     _ => return Err(SocketError::InUse(path.to_owned())),
                 }
@@ -80,7 +94,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_dead_ones_socket_is_replaced_and_a_live_ones_is_not() {
+    fn connecting_to_a_process_that_takes_no_callers_fails_at_once() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("socket");
+        let _listener = UnixListener::bind(&path).unwrap();
+        let mut callers = Vec::new();
+        let error = loop {
+            match connect(&path) {
+                Ok(caller) => callers.push(caller),
+                Err(error) => break error,
+            }
+        };
+        assert!(!callers.is_empty());
+        assert_eq!(error.kind(), io::ErrorKind::WouldBlock);
+    }
+
+    #[test]
+    fn replaces_the_socket_of_a_dead_process_and_not_that_of_a_live_one() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("socket");
         drop(UnixListener::bind(&path).unwrap());

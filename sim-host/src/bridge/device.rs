@@ -58,6 +58,8 @@ pub enum Notice {
     Alarm(Alarm),
     /// The controller has no policy: every command will be the safe one.
     NoPolicy,
+    /// There is no socket for requests in the domain.
+    NoControlSocket(String),
     /// The policy of this name was trained for another leg.
     OtherLeg(String),
 }
@@ -81,6 +83,9 @@ impl fmt::Display for Notice {
                 "warning: the controller has no policy and answers with the safe command; upload one \
                  with `controller policy upload`",
             ),
+            Self::NoControlSocket(cause) => {
+                write!(f, "warning: no control socket, so no swap and no status: {cause}")
+            }
             Self::OtherLeg(policy) => write!(
                 f,
                 "warning: the policy {policy} was trained for another leg than the simulator \
@@ -203,6 +208,7 @@ impl Device {
             return Err(BridgeError::Unplugged(cause));
         }
         self.notice(&Notice::Unplugged(cause.to_string()));
+        self.client.close_stream();
         let lost = Instant::now();
         let mut back_off = BACK_OFF;
         let mut last: BridgeError = cause.into();
@@ -217,6 +223,8 @@ impl Device {
             }
             std::thread::sleep(back_off.min(left));
             back_off = BACK_OFF_MAX.min(back_off * 2);
+            // The try before may have opened it without an answer.
+            self.client.close_stream();
             match self.try_again(left) {
                 Ok(()) => {
                     self.reconnects += 1;

@@ -8,8 +8,9 @@ use leg_control::wire::{Command, Sample, flags};
 use leg_host::serial::client::REQUEST_TIMEOUT;
 use leg_host::serial::{ClientError, DeviceIdentity, Received};
 use leg_host::serve::ServeError;
+use leg_host::server::socket_in;
 use leg_host::shm::ShmController;
-use leg_host::{Link, LinkError};
+use leg_host::{Domain, Link, LinkError};
 
 use super::BridgeError;
 use super::device::{Device, Notice};
@@ -50,7 +51,7 @@ enum PendingRequest {
 /// Everything between the simulator's link and the line.
 pub(super) struct Forwarder {
     device: Device,
-    share: Option<RequestMux>,
+    requests: RequestMux,
     mode: Mode,
     timeout: Duration,
     seq: u32,
@@ -70,15 +71,10 @@ pub(super) struct Forwarder {
 }
 
 impl Forwarder {
-    pub(super) fn new(
-        device: Device,
-        share: Option<RequestMux>,
-        mode: Mode,
-        timeout: Duration,
-    ) -> Self {
+    pub(super) fn new(device: Device, requests: RequestMux, mode: Mode, timeout: Duration) -> Self {
         Self {
             device,
-            share,
+            requests,
             mode,
             timeout,
             seq: 0,
@@ -96,6 +92,14 @@ impl Forwarder {
         }
     }
 
+    /// Opens the socket for requests in the folder of the domain, in which this process must
+    /// have the controller's role. Without it the run is played all the same, after a warning.
+    pub(super) fn listen_in(&mut self, domain: &Domain) {
+        if let Err(cause) = self.requests.listen(&socket_in(domain.root())) {
+            self.notice(&Notice::NoControlSocket(cause.to_string()));
+        }
+    }
+
     pub(super) fn notice(&mut self, notice: &Notice) {
         self.device.notice(notice);
     }
@@ -109,8 +113,19 @@ impl Forwarder {
         }
     }
 
-    /// Forwards until the simulator ends its run.
+    /// Forwards until the simulator ends its run, and then closes the sockets for requests.
     pub(super) fn play(&mut self, link: &mut ShmController) -> Result<(), BridgeError> {
+        let played = self.forward(link);
+        self.stop_listening();
+        played
+    }
+
+    /// Closes the sockets for requests, before the controller's role is given up.
+    pub(super) fn stop_listening(&mut self) {
+        self.requests.close();
+    }
+
+    fn forward(&mut self, link: &mut ShmController) -> Result<(), BridgeError> {
         self.begun = Instant::now();
         (self.last_received, self.last_peer_check) = (self.begun, self.begun);
         self.compare_legs(link);
@@ -213,7 +228,8 @@ impl Forwarder {
             self.check_peer(link)?;
             if waited >= self.timeout {
                 let waited_s = waited.as_secs_f64();
-                return Err(BridgeError::NoAnswer { ticks: self.ticks, waited_s });
+                let others = self.device.client.other_users();
+                return Err(BridgeError::NoAnswer { ticks: self.ticks, waited_s, others });
             }
         }
         Ok(())
@@ -238,7 +254,7 @@ impl Forwarder {
         if self.held_command.is_some() {
             self.pending = Some(PendingRequest::SessionCheck);
             self.device.client.post_request(&Request::Identify);
-        } else if let Some(next) = self.share.as_ref().and_then(RequestMux::next)
+        } else if let Some(next) = self.requests.next()
             && let Some(request) = next.request()
         {
             self.device.client.post_request(&request);

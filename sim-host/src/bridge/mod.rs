@@ -15,6 +15,7 @@ use std::time::Duration;
 
 use leg_control::wire::WIRE_VERSION;
 use leg_host::discovery::DomainError;
+use leg_host::serial::client::taken_by;
 use leg_host::serial::{ClientError, OpenError};
 use leg_host::serve::ServeError;
 use leg_host::shm::{ConnectError, ShmController};
@@ -40,7 +41,7 @@ pub struct Options {
     pub timeout: Duration,
     /// What to do when the line breaks.
     pub on_unplug: OnUnplug,
-    /// A unix socket for clients' requests.
+    /// A unix socket for clients' requests, beside the one in the domain.
     pub share: Option<PathBuf>,
 }
 
@@ -75,13 +76,16 @@ pub enum BridgeError {
     /// The controller does not answer.
     #[error(
         "after {ticks} ticks: the controller has not answered for {waited_s:.1} s, though the line \
-         is open; is it stopped, or live without a timer?"
+         is open: {}is it stopped, or live without a timer?",
+        taken_by(others)
     )]
     NoAnswer {
         /// Samples answered until then.
         ticks: u64,
         /// How long, s.
         waited_s: f64,
+        /// Other processes that have the port open.
+        others: Vec<String>,
     },
     /// The line broke and is not to be opened again.
     #[error("{0}")]
@@ -118,11 +122,14 @@ pub fn run(
     stop: &Stop,
 ) -> Result<Report, BridgeError> {
     let Options { params, timeout, on_unplug, .. } = *options;
-    let share = options.share.as_deref().map(RequestMux::listen).transpose()?;
+    let mut requests = RequestMux::new();
+    if let Some(path) = &options.share {
+        requests.listen(path)?;
+    }
     let mut device = Device::find(connect, on_notice, params, on_unplug, timeout, stop)?;
     let domain = Domain::join(&options.domain)?;
     let leg = device.identity.policy.as_ref().map(|policy| policy.leg);
-    // It goes along with either pace.
+    // Fits a leg in lock-step and one in real time.
     let meeting = SessionParams {
         leg,
         ..SessionParams::at(params.rate_hz).with_gravity(params.gravity_m_s2).with_any_time_mode()
@@ -133,17 +140,24 @@ pub fn run(
     if let Err(cause) = device.begin() {
         device.recover(cause, || Ok(()))?;
     }
-    let mut forwarder = Forwarder::new(device, share, params.mode, timeout);
+    let mut forwarder = Forwarder::new(device, requests, params.mode, timeout);
     let mut is_reported = false;
     let mut broke = None;
-    let link = ShmController::connect_while(&domain, meeting, timeout, stop, |missing| {
-        if !is_reported && missing.waited >= leg_host::cli::REPORT_AFTER {
-            is_reported = true;
-            let hint = leg_host::cli::hint::missing_peer(missing);
-            forwarder.notice(&Notice::Waiting(format!("{missing}; {hint}")));
+    let link = ShmController::open(&domain, meeting, stop).and_then(|mut link| {
+        forwarder.listen_in(&domain);
+        let connected = link.wait_for_peer(Some(timeout), |missing| {
+            if !is_reported && missing.waited >= leg_host::cli::REPORT_AFTER {
+                is_reported = true;
+                let hint = leg_host::cli::hint::missing_peer(missing);
+                forwarder.notice(&Notice::Waiting(format!("{missing}; {hint}")));
+            }
+            broke = forwarder.serve_others().err();
+            broke.is_none()
+        });
+        if connected.is_err() {
+            forwarder.stop_listening();
         }
-        broke = forwarder.serve_others().err();
-        broke.is_none()
+        connected.map(|_| link)
     });
     let outcome = match (broke, link) {
         (Some(error), _) => Err(error),

@@ -1,6 +1,6 @@
 //! Clients' requests to a controller whose line the bridge uses.
 //!
-//! Other programs send their requests to the bridge, on a unix socket, in the same
+//! Other programs send their requests to the bridge, on unix sockets, in the same
 //! protocol. It forwards them one by one, between samples, under its own ids, and refuses
 //! those that would interfere with the run.
 
@@ -24,14 +24,20 @@ const POLL: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
 /// Pause after a system error, before the next try.
 const PAUSE: Duration = Duration::from_millis(50);
 
-/// The socket, and the thread that listens on it.
+/// The requests of the clients of all sockets.
 #[derive(Debug)]
 pub(super) struct RequestMux {
     queue: Queue<ClientRequest>,
+    sender: Sender<ClientRequest>,
+    sockets: Vec<ListeningSocket>,
+}
+
+/// A socket, and the thread that listens on it; both end when dropped.
+#[derive(Debug)]
+struct ListeningSocket {
     end: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
-    // Removed once nobody listens.
-    _file: SocketFile,
+    file: Option<SocketFile>,
 }
 
 /// The connection on which a client receives its replies.
@@ -118,19 +124,29 @@ impl Answers {
 }
 
 impl RequestMux {
-    /// Listens on the unix socket at `path`.
-    pub(super) fn listen(path: &Path) -> Result<Self, SocketError> {
+    pub(super) fn new() -> Self {
+        let (sender, queue) = channel();
+        Self { queue, sender, sockets: Vec::new() }
+    }
+
+    /// Listens on the unix socket at `path`, too.
+    pub(super) fn listen(&mut self, path: &Path) -> Result<(), SocketError> {
         let (file, listener) = SocketFile::bind(path)?;
         let failed = |cause| SocketError::Io { path: path.to_owned(), cause };
         listener.set_nonblocking(true).map_err(failed)?;
-        let (sender, queue) = channel();
         let end = Arc::new(AtomicBool::new(false));
-        let ends = Arc::clone(&end);
+        let (ends, sender) = (Arc::clone(&end), self.sender.clone());
         let thread = std::thread::Builder::new()
-            .name("share".into())
+            .name("requests".into())
             .spawn(move || serve(&listener, &sender, &ends))
             .map_err(failed)?;
-        Ok(Self { queue, end, thread: Some(thread), _file: file })
+        self.sockets.push(ListeningSocket { end, thread: Some(thread), file: Some(file) });
+        Ok(())
+    }
+
+    /// Closes all sockets; what has arrived stays in the queue.
+    pub(super) fn close(&mut self) {
+        self.sockets.clear();
     }
 
     /// Returns the next request, if there is one.
@@ -139,8 +155,10 @@ impl RequestMux {
     }
 }
 
-impl Drop for RequestMux {
+impl Drop for ListeningSocket {
     fn drop(&mut self) {
+        // Removed while this process still listens, so it is not another's.
+        drop(self.file.take());
         self.end.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();

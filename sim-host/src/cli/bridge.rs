@@ -34,10 +34,10 @@ pub(super) struct Args {
     /// How the controller's ticks come about.
     #[arg(long, value_enum, default_value_t)]
     mode: ModeArg,
-    /// When the line breaks: open it again and go on, or end with an error.
+    /// When the line breaks: open it again and continue, or end with an error.
     #[arg(long, value_enum, default_value_t, value_name = "WHAT")]
     on_unplug: OnUnplug,
-    /// Take others' requests meanwhile on this unix socket:
+    /// Take requests of other programs on this unix socket, too, as on that of the domain:
     /// `controller policy upload --unix PATH …`.
     #[arg(long, value_name = "PATH")]
     share: Option<PathBuf>,

@@ -33,6 +33,9 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
             "--from {from_s} --until {until_s}: the first must be 0 or more, the second above it"
         )));
     }
+    // A long recording is not read for a picture that cannot be written.
+    let cannot_write = || format!("cannot write {}", args.out.display());
+    atomic_file::check(&args.out).with_context(cannot_write)?;
     let data = PlotData::read(&args.recording, from_s..until_s).map_err(|error| {
         misuse(leg_host::cli::hint::with_hint(&error, hint::read_error(&error)))
     })?;
@@ -48,7 +51,6 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     }
     let svg = picture::draw(&data)
         .map_err(|cause| anyhow::anyhow!("cannot draw the picture: {cause}"))?;
-    atomic_file::write(&args.out, svg.as_bytes())
-        .with_context(|| format!("cannot write {}", args.out.display()))?;
+    atomic_file::write(&args.out, svg.as_bytes()).with_context(cannot_write)?;
     Ok(ExitCode::SUCCESS)
 }

@@ -59,15 +59,19 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(jobs).build()?;
     let size = Size { runs: args.runs, media };
     let report = pool.install(|| sweep(&policy, &size))?;
-    let drawn = picture::draw(&report)
-        .map_err(|cause| anyhow::anyhow!("cannot draw the picture: {cause}"))?;
-    finish(svg, &drawn)?;
-    finish(csv, &report.csv())?;
+    // Printed first, so that it is not lost where a file cannot be written.
     if args.json {
         stdout::print_line(serde_json::to_string(&report)?)?;
     } else {
+        stdout::print_line(&report)?;
+    }
+    finish(csv, &report.csv())?;
+    let drawn = picture::draw(&report)
+        .map_err(|cause| anyhow::anyhow!("cannot draw the picture: {cause}"))?;
+    finish(svg, &drawn)?;
+    if !args.json {
         let picture = args.out.join("robustness.svg");
-        stdout::print_line(format_args!("{report}\n  picture: {}", picture.display()))?;
+        stdout::print_line(format_args!("  picture: {}", picture.display()))?;
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -32,9 +32,9 @@ pub(super) struct Args {
     /// Policy file [default: the shipped policy].
     #[arg(long, value_name = "FILE")]
     policy: Option<PathBuf>,
-    /// Directory for the picture, shore.svg.
-    #[arg(long, value_name = "DIR", default_value = "out")]
-    out: PathBuf,
+    /// Directory for the picture, shore.svg [default: out].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
     /// Record every tick to an MCAP file, for `replay`, `plot` and other programs.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
@@ -46,8 +46,11 @@ pub(super) struct Args {
 pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let policy = checked_policy(args.policy.as_deref())?;
     let name = policy.policy()?.manifest().name.to_owned();
-    // Opened before the run, so that an unwritable directory is reported at once.
-    let (picture, path) = begin_picture(&args.out)?;
+    // Opened before the run, so that an unwritable directory is reported at once if the caller
+    // has named it. Without, the run and its table come first.
+    let path = args.out.as_deref().unwrap_or(Path::new("out")).join("shore.svg");
+    let picture = begin_picture(&path);
+    let picture = if args.out.is_some() { Ok(picture?) } else { picture };
     let scenario = Scenario::shore();
     let record = args.record.as_deref();
     let mut recording =
@@ -78,18 +81,23 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     }
 
     let report = recorder.report(&outcome, scenario.density.at(outcome.body.x_m));
-    draw(picture, &recorder, &scenario).with_context(|| cannot_write(&path))?;
+    let drawn = picture.and_then(|picture| {
+        draw(picture, &recorder, &scenario).with_context(|| cannot_write(&path))
+    });
     if args.json {
         stdout::print_line(serde_json::to_string(&report)?)?;
     } else {
-        stdout::print_line(format_args!("\n{report}\n  picture: {}", path.display()))?;
+        stdout::print_line(format_args!("\n{report}"))?;
+        if drawn.is_ok() {
+            stdout::print_line(format_args!("  picture: {}", path.display()))?;
+        }
     }
     if report.falls > 0 {
         eprintln!("sim-host: the leg fell at x = {:.2} m", outcome.body.x_m);
-        return Ok(ExitCode::FAILURE);
     }
     recorded?;
-    Ok(ExitCode::SUCCESS)
+    drawn?;
+    Ok(if report.falls > 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
 fn connect_options(args: &Args, scenario: &Scenario) -> ConnectOptions {
@@ -106,16 +114,15 @@ fn connect_options(args: &Args, scenario: &Scenario) -> ConnectOptions {
     ConnectOptions { domain, timeout: TIMEOUT, start: Some(controller), run_id: new_run_id() }
 }
 
-/// Opens the picture's file; returns it with its path.
-fn begin_picture(folder: &Path) -> anyhow::Result<(AtomicFile, PathBuf)> {
-    let path = folder.join("shore.svg");
+/// Opens the picture's file and, if necessary, creates its folder.
+fn begin_picture(path: &Path) -> anyhow::Result<AtomicFile> {
     if path.exists() && !path.is_file() {
-        anyhow::bail!("{}: it exists and is not a file", cannot_write(&path));
+        anyhow::bail!("{}: it exists and is not a file", cannot_write(path));
     }
-    let pending = std::fs::create_dir_all(folder)
-        .and_then(|()| AtomicFile::create(&path))
-        .with_context(|| cannot_write(&path))?;
-    Ok((pending, path))
+    let folder = path.parent().unwrap_or(Path::new("."));
+    std::fs::create_dir_all(folder)
+        .and_then(|()| AtomicFile::create(path))
+        .with_context(|| cannot_write(path))
 }
 
 fn cannot_write(path: &Path) -> String {

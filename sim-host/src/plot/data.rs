@@ -5,7 +5,8 @@ use std::path::Path;
 
 use leg_control::wire::flags;
 
-use crate::record::read::{ReadError, Reader};
+use crate::record::contents::Contents;
+use crate::record::read::ReadError;
 use crate::record::schema::{AnyMessage, Apex, Command, Event, Sample, State};
 use crate::scenario::{Scenario, Settings};
 
@@ -85,15 +86,15 @@ impl PlotData {
     /// # Errors
     /// [`ReadError`] if the file is not a recording.
     pub fn read(path: &Path, span: Range<f64>) -> Result<Self, ReadError> {
-        let mut reader = Reader::open(path)?;
+        let contents = Contents::of(path)?;
+        let config = contents.config()?;
         let mut builder = Builder::new(span);
-        let mut title = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        while let Some(message) = reader.next_message()? {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let mut title = format!("{name}: {} at {} Hz", config.pace, config.rate_hz);
+        builder.configure(config.rate_hz, &config.scenario_toml);
+        let mut messages = contents.messages()?;
+        while let Some(message) = messages.next_message()? {
             match message {
-                AnyMessage::Config(config) => {
-                    title = format!("{title}: {} at {} Hz", config.pace, config.rate_hz);
-                    builder.configure(config.rate_hz, &config.scenario_toml);
-                }
                 AnyMessage::Policy(policy) if policy.seq == 0 => {
                     title = format!("{title}, policy {}", policy.name);
                 }
@@ -111,7 +112,7 @@ impl PlotData {
         }
         let mut data = builder.finish();
         data.title = title;
-        data.warning = reader.warning();
+        data.warning = contents.warning();
         Ok(data)
     }
 
@@ -171,7 +172,7 @@ impl Builder {
     }
 
     fn time_s(&self, seq: u64) -> f64 {
-        (self.earlier_ticks + seq) as f64 / self.rate_hz
+        (self.earlier_ticks as f64 + seq as f64) / self.rate_hz
     }
 
     /// Returns the time of a tick if it lies in the span.
@@ -181,8 +182,10 @@ impl Builder {
 
     fn sample(&mut self, sample: &Sample) {
         match self.last.replace((sample.run_id, sample.seq)) {
-            Some((run_id, last)) if run_id != sample.run_id => self.earlier_ticks += last + 1,
-            Some((_, last)) if sample.seq > last + 1 => {
+            Some((run_id, last)) if run_id != sample.run_id => {
+                self.earlier_ticks = self.earlier_ticks.saturating_add(last.saturating_add(1));
+            }
+            Some((_, last)) if sample.seq > last.saturating_add(1) => {
                 let gap = self.time_s(last + 1)..self.time_s(sample.seq);
                 if self.span.contains(&gap.start) && self.span.contains(&gap.end) {
                     self.data.gaps.push(gap);

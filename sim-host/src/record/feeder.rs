@@ -1,7 +1,7 @@
 //! The thread between the ring and the writer process.
 
 use std::io;
-use std::process::ChildStdin;
+use std::process::{ChildStdin, ChildStdout};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
@@ -13,6 +13,7 @@ use super::pipe::{self, FrameBuffer};
 use super::schema::{End, Loop, Policy};
 use super::tap::{RingEntry, RingState};
 use super::translate::Translator;
+use super::writer_process::{DONE, FAILED};
 
 /// Bytes after which the buffered frames are sent.
 const BATCH_LEN: usize = 1 << 16;
@@ -22,8 +23,10 @@ const BATCH_INTERVAL: Duration = Duration::from_millis(100);
 const FLUSH_INTERVAL: Duration = Duration::from_secs(1);
 /// Time between two polls of an empty ring.
 const POLL_INTERVAL: Duration = Duration::from_millis(1);
-/// Time after which a writer that takes nothing is given up.
+/// Time after which a writer that reads nothing is given up.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(10);
+/// Time that the writer may take to complete its file: a large one on a slow disk.
+const FINISH_TIMEOUT: Duration = Duration::from_mins(1);
 
 /// A message that does not come from the ring.
 #[derive(Debug)]
@@ -41,7 +44,7 @@ pub(super) struct Feeder {
     pub(super) state: Arc<RingState>,
     /// Set when nothing more will be pushed.
     pub(super) finish: Arc<AtomicBool>,
-    pub(super) pipe: PipeWriter,
+    pub(super) writer: Writer,
     pub(super) translator: Translator,
 }
 
@@ -52,13 +55,15 @@ impl Drop for Feeder {
 }
 
 impl Feeder {
-    /// Runs until `finish` is set and the ring is empty, then closes the pipe.
-    /// If the writer is lost, the ring is emptied all the same, so that a loop
-    /// in lock-step does not wait for ever.
+    /// Runs until `finish` is set and the ring is empty, then waits until the writer has
+    /// completed the file. Returns the number of messages in it.
+    ///
+    /// If the writer is lost, the ring is emptied all the same, so that a loop in lock-step
+    /// does not wait for ever.
     ///
     /// # Errors
-    /// The error by which the writer was lost.
-    pub(super) fn run(mut self) -> io::Result<()> {
+    /// How the writer was lost.
+    pub(super) fn run(mut self) -> Result<u64, LostWriter> {
         let mut frames = FrameBuffer::default();
         let (mut sent, mut flushed) = (Instant::now(), Instant::now());
         let mut end = None;
@@ -89,7 +94,7 @@ impl Feeder {
             }
             if frames.len() >= BATCH_LEN || sent.elapsed() >= BATCH_INTERVAL {
                 sent = Instant::now();
-                self.pipe.send(&mut frames);
+                self.writer.send(&mut frames);
             }
             if idle {
                 std::thread::sleep(POLL_INTERVAL);
@@ -99,24 +104,44 @@ impl Feeder {
         if let Some(end) = end {
             frames.add(time_ns, &End { dropped: self.state.dropped(), ..end });
         }
-        self.pipe.send(&mut frames);
-        self.pipe.close()
+        self.writer.send(&mut frames);
+        self.writer.close()
     }
 }
 
-/// The pipe to the writer process, until that is lost.
-#[derive(Debug)]
-pub(super) struct PipeWriter {
-    pipe: Option<ChildStdin>,
-    error: Option<io::Error>,
-    consequence: String,
+/// How the writer was lost.
+#[derive(Clone, Debug)]
+pub(super) struct LostWriter {
+    pub(super) cause: String,
+    /// It may still complete the file by itself.
+    pub(super) is_stopped: bool,
 }
 
-impl PipeWriter {
-    /// Takes a non-blocking pipe. `consequence` completes the message that is
-    /// printed if the writer is lost.
-    pub(super) fn new(pipe: ChildStdin, consequence: String) -> Self {
-        Self { pipe: Some(pipe), error: None, consequence }
+impl LostWriter {
+    fn ended(line: &str) -> Self {
+        let cause = line.strip_prefix(FAILED).unwrap_or("the recorder was ended").to_owned();
+        Self { cause, is_stopped: false }
+    }
+
+    fn silent(what: &str, time: Duration) -> Self {
+        let cause = format!("the recorder has {what} for {} s; is it stopped?", time.as_secs());
+        Self { cause, is_stopped: true }
+    }
+}
+
+/// The run's end of the writer process.
+#[derive(Debug)]
+pub(super) struct Writer {
+    /// `None` once the writer is lost.
+    pipe: Option<ChildStdin>,
+    reports: ChildStdout,
+    lost: Option<LostWriter>,
+}
+
+impl Writer {
+    /// Takes the non-blocking pipe to the writer and the one with its reports.
+    pub(super) fn new(pipe: ChildStdin, reports: ChildStdout) -> Self {
+        Self { pipe: Some(pipe), reports, lost: None }
     }
 
     /// Sends the frames and clears the buffer; without a writer it only clears.
@@ -124,22 +149,30 @@ impl PipeWriter {
         if let Some(pipe) = &mut self.pipe
             && let Err(error) = pipe::write_all(pipe, frames.as_slice(), WRITE_TIMEOUT)
         {
-            let reason = match error.kind() {
-                io::ErrorKind::BrokenPipe => "it has ended".to_owned(),
-                io::ErrorKind::TimedOut => {
-                    format!("it read nothing for {} s", WRITE_TIMEOUT.as_secs())
-                }
-                _ => error.to_string(),
-            };
-            eprintln!("sim-host: the recorder is lost ({reason}); {}", self.consequence);
             self.pipe = None;
-            self.error = Some(error);
+            let lost = match error.kind() {
+                io::ErrorKind::TimedOut => LostWriter::silent("read nothing", WRITE_TIMEOUT),
+                // It reports the cause before it ends.
+                _ => match pipe::read_line(&mut self.reports, WRITE_TIMEOUT) {
+                    Ok(line) => LostWriter::ended(&line),
+                    Err(_) => LostWriter { cause: error.to_string(), is_stopped: false },
+                },
+            };
+            eprintln!("sim-host: warning: the run continues without its recording: {}", lost.cause);
+            self.lost = Some(lost);
         }
         frames.clear();
     }
 
-    fn close(&mut self) -> io::Result<()> {
-        self.pipe = None;
-        self.error.take().map_or(Ok(()), Err)
+    fn close(&mut self) -> Result<u64, LostWriter> {
+        // The end of the pipe makes the writer complete the file.
+        drop(self.pipe.take());
+        if let Some(lost) = self.lost.take() {
+            return Err(lost);
+        }
+        let line = pipe::read_line(&mut self.reports, FINISH_TIMEOUT)
+            .map_err(|_| LostWriter::silent("reported nothing", FINISH_TIMEOUT))?;
+        let messages = line.strip_prefix(DONE).and_then(|messages| messages.parse().ok());
+        messages.ok_or_else(|| LostWriter::ended(&line))
     }
 }

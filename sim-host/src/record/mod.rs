@@ -13,9 +13,10 @@
 //!
 //! When the ring is full, a run in real time drops and counts records and a run
 //! in lock-step waits ([`OnFull`]). Replay and plot read a recording by
-//! [`read`].
+//! [`contents`].
 
 pub mod config;
+pub mod contents;
 mod feeder;
 mod pipe;
 mod policy_poller;

@@ -145,6 +145,28 @@ pub(super) fn write_all(
     Ok(())
 }
 
+/// Reads the writer's next line; empty if it ended without one.
+///
+/// # Errors
+/// [`ErrorKind::TimedOut`], or the error of the system.
+pub(super) fn read_line(reports: &mut (impl Read + AsFd), timeout: Duration) -> io::Result<String> {
+    let deadline = Instant::now() + timeout;
+    let (mut line, mut byte) = (Vec::new(), [0]);
+    loop {
+        let left = deadline.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            return Err(ErrorKind::TimedOut.into());
+        }
+        if !wait(reports, PollFlags::IN, left)? {
+            continue;
+        }
+        match reports.read(&mut byte)? {
+            1 if byte != *b"\n" => line.extend(byte),
+            _ => return Ok(String::from_utf8_lossy(&line).into_owned()),
+        }
+    }
+}
+
 /// Waits until the file is ready; returns false after `timeout`.
 ///
 /// # Errors

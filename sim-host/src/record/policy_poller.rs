@@ -40,10 +40,11 @@ impl PolicyPoller {
             let mut log = PolicyLog::new(run_id);
             loop {
                 let last = ends.load(Ordering::Relaxed);
-                if let Some(policies) = request(&domain, &log) {
-                    log.update(&policies).into_iter().for_each(|policy| sink.policy(policy));
+                let answer = request(&domain, &log);
+                if let Some(Answer::Policies(policies)) = &answer {
+                    log.update(policies).into_iter().for_each(|policy| sink.policy(policy));
                 }
-                if last {
+                if last || matches!(answer, Some(Answer::Board)) {
                     break;
                 }
                 let mut left = if log.began { INTERVAL } else { FIRST_INTERVAL };
@@ -81,10 +82,20 @@ struct Policies {
     swaps: Vec<SwapRecord>,
 }
 
-/// Requests the policies; the blob only if it is not in the log.
-fn request(domain: &str, log: &PolicyLog) -> Option<Policies> {
+/// What the controller answers.
+#[derive(Debug)]
+enum Answer {
+    Policies(Policies),
+    /// It is a board behind a bridge, and cannot send its policy.
+    Board,
+}
+
+/// Requests the policies; the blob only if it is not in the log. `None` if the controller does
+/// not answer.
+fn request(domain: &str, log: &PolicyLog) -> Option<Answer> {
     let mut client = Client::new(open_process(domain).ok()?, &Stop::default());
-    let status: Status = serde_json::from_slice(&client.report().ok()??).ok()?;
+    let Some(report) = client.report().ok()? else { return Some(Answer::Board) };
+    let status: Status = serde_json::from_slice(&report).ok()?;
     let crc32 = status.policy.crc32;
     let known = log.blobs.iter().find(|known| known.policy.crc32 == crc32);
     let blob = match known {
@@ -92,7 +103,7 @@ fn request(domain: &str, log: &PolicyLog) -> Option<Policies> {
         None => client.read_policy(crc32.0).ok()??,
     };
     let running = PolicyBytes { policy: status.policy, blob };
-    Some(Policies { running, swaps: status.swap_log })
+    Some(Answer::Policies(Policies { running, swaps: status.swap_log }))
 }
 
 /// The policies of a run that have been recorded.

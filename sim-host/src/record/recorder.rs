@@ -1,27 +1,24 @@
 //! The run's end of a recording.
 
-use std::io::{self, Read};
+use std::io;
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdout, Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Sender};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use rustix::event::PollFlags;
-
-use super::feeder::{Feeder, PipeWriter, SideMessage};
+use super::feeder::{Feeder, LostWriter, SideMessage, Writer};
 use super::pipe::{self, FrameBuffer};
 use super::schema::{Config, End, Loop, Policy};
 use super::tap::{OnFull, RING_CAPACITY, RecordTap, RingState};
 use super::translate::Translator;
-use super::writer_process::{DONE, FAILED, READY, part};
+use super::writer_process::{FAILED, READY, part};
+use leg_process::atomic_file;
 
 /// Time that a writer process may take to start.
 const START_TIMEOUT: Duration = Duration::from_secs(10);
-/// Time that it may take to finish its file: a large one on a slow disk.
-const FINISH_TIMEOUT: Duration = Duration::from_mins(1);
 
 /// Why there is no recording, or only part of one.
 #[derive(Debug, thiserror::Error)]
@@ -37,7 +34,7 @@ pub enum RecordError {
     },
     /// The writer process failed or was lost.
     #[error(
-        "the recording broke off: {cause}; its beginning is in {}, which replay and plot can read",
+        "the recording broke off in {}: {cause}; replay and plot can read what that file contains",
         part.display()
     )]
     BrokeOff {
@@ -63,8 +60,7 @@ pub struct RecordSummary {
 pub struct Recorder {
     path: PathBuf,
     writer: Child,
-    reports: ChildStdout,
-    feeder: Option<JoinHandle<io::Result<()>>>,
+    feeder: Option<JoinHandle<Result<u64, LostWriter>>>,
     side: Sender<SideMessage>,
     finish: Arc<AtomicBool>,
     state: Arc<RingState>,
@@ -119,6 +115,8 @@ impl Recorder {
         if path.exists() && !path.is_file() {
             return Err(failed("it exists and is not a file".to_owned()));
         }
+        // Whether the finished file can take its place is found out before the run.
+        atomic_file::check(path).map_err(io_failed)?;
         let mut writer = Command::new(program)
             .arg("recorder")
             .arg(path)
@@ -130,7 +128,10 @@ impl Recorder {
         let (Some(pipe), Some(mut reports)) = (writer.stdin.take(), writer.stdout.take()) else {
             unreachable!("both are piped");
         };
-        match next_line(&mut reports, START_TIMEOUT).map_err(io_failed)?.as_str() {
+        let line = pipe::read_line(&mut reports, START_TIMEOUT).map_err(|_| {
+            failed(format!("the recorder has not started for {} s", START_TIMEOUT.as_secs()))
+        })?;
+        match line.as_str() {
             READY => (),
             line => {
                 let _ = writer.wait();
@@ -144,18 +145,16 @@ impl Recorder {
         let (tap, ring, state) = RecordTap::new(RING_CAPACITY, on_full);
         let (side, side_receiver) = mpsc::channel();
         let finish = Arc::new(AtomicBool::new(false));
-        let consequence =
-            format!("the run continues without it; the beginning is in {}", part(path).display());
-        let mut pipe = PipeWriter::new(pipe, consequence);
+        let mut writer_end = Writer::new(pipe, reports);
         let mut frames = FrameBuffer::default();
         frames.add(config.started_unix_ns, config);
-        pipe.send(&mut frames);
+        writer_end.send(&mut frames);
         let feeder = Feeder {
             ring,
             side: side_receiver,
             state: Arc::clone(&state),
             finish: Arc::clone(&finish),
-            pipe,
+            writer: writer_end,
             translator: Translator::new(config.started_unix_ns, config.rate_hz),
         };
         let feeder = std::thread::Builder::new()
@@ -163,7 +162,7 @@ impl Recorder {
             .spawn(|| feeder.run())
             .map_err(io_failed)?;
         let path = path.to_owned();
-        Ok((Self { path, writer, reports, feeder: Some(feeder), side, finish, state }, tap))
+        Ok((Self { path, writer, feeder: Some(feeder), side, finish, state }, tap))
     }
 
     /// Returns a sink for what does not come from the ring.
@@ -183,69 +182,32 @@ impl Recorder {
     }
 
     fn close(&mut self) -> Result<RecordSummary, RecordError> {
-        let part = part(&self.path);
-        let broke_off = |cause| RecordError::BrokeOff { part, cause };
         self.finish.store(true, Ordering::Release);
-        let fed = match self.feeder.take().map(JoinHandle::join) {
-            Some(Ok(result)) => result,
-            Some(Err(_)) => Err(io::Error::other("the thread that feeds it panicked")),
-            None => return Ok(RecordSummary { messages: 0, dropped: 0 }),
+        let dropped = self.state.dropped();
+        let Some(feeder) = self.feeder.take() else {
+            return Ok(RecordSummary { messages: 0, dropped });
         };
-        if let Err(error) = &fed
-            && error.kind() == io::ErrorKind::TimedOut
-        {
-            // The writer is stopped. When it continues, it completes the file by itself.
-            return Err(broke_off("the recorder is stopped".to_owned()));
+        let lost = match feeder.join() {
+            Ok(Ok(messages)) => {
+                let _ = self.writer.wait();
+                return Ok(RecordSummary { messages, dropped: self.state.dropped() });
+            }
+            Ok(Err(lost)) => lost,
+            Err(_) => {
+                let cause = "the thread that feeds the recorder panicked".to_owned();
+                LostWriter { cause, is_stopped: false }
+            }
+        };
+        // A stopped writer completes the file by itself when it continues.
+        if !lost.is_stopped {
+            let _ = self.writer.wait();
         }
-        let line = next_line(&mut self.reports, FINISH_TIMEOUT);
-        match (fed, line) {
-            (Ok(()), Ok(line)) => {
-                let _ = self.writer.wait();
-                match line.strip_prefix(DONE).and_then(|messages| messages.parse().ok()) {
-                    Some(messages) => Ok(RecordSummary { messages, dropped: self.state.dropped() }),
-                    None => Err(broke_off(reason(&line))),
-                }
-            }
-            (Err(error), Ok(line)) if line.is_empty() => {
-                let _ = self.writer.wait();
-                Err(broke_off(format!("the recorder was ended ({error})")))
-            }
-            (Err(_), Ok(line)) => {
-                let _ = self.writer.wait();
-                Err(broke_off(reason(&line)))
-            }
-            (_, Err(error)) => Err(broke_off(error.to_string())),
-        }
+        Err(RecordError::BrokeOff { part: part(&self.path), cause: lost.cause })
     }
 }
 
 impl Drop for Recorder {
     fn drop(&mut self) {
         let _ = self.close();
-    }
-}
-
-fn reason(line: &str) -> String {
-    line.strip_prefix(FAILED).unwrap_or("the recorder was ended").to_owned()
-}
-
-/// Reads the writer's next line; empty if it ended without one.
-fn next_line(reports: &mut ChildStdout, timeout: Duration) -> io::Result<String> {
-    let deadline = Instant::now() + timeout;
-    let mut line = Vec::new();
-    let mut byte = [0];
-    loop {
-        let left = deadline.saturating_duration_since(Instant::now());
-        if left.is_zero() {
-            let message = format!("the recorder has not responded for {} s", timeout.as_secs());
-            return Err(io::Error::new(io::ErrorKind::TimedOut, message));
-        }
-        if !pipe::wait(reports, PollFlags::IN, left)? {
-            continue;
-        }
-        match reports.read(&mut byte)? {
-            1 if byte != *b"\n" => line.extend(byte),
-            _ => return Ok(String::from_utf8_lossy(&line).into_owned()),
-        }
     }
 }

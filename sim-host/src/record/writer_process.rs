@@ -5,11 +5,12 @@
 //! ignores signals to stop, because it ends with the run.
 
 use std::fs::{self, File, TryLockError};
-use std::io::{self, BufReader, BufWriter, Write};
+use std::io::{self, BufReader, BufWriter, ErrorKind, Write};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use leg_process::remedy;
 use mcap::WriteOptions;
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
@@ -50,7 +51,7 @@ pub fn main(path: &Path) -> ExitCode {
             ExitCode::SUCCESS
         }
         Err(error) => {
-            report(&format!("{FAILED}{error}"));
+            report(&format!("{FAILED}{}", with_remedy(&error)));
             ExitCode::FAILURE
         }
     }
@@ -73,15 +74,14 @@ fn write(path: &Path, ready: impl FnOnce()) -> io::Result<u64> {
         .chunk_size(Some(CHUNK_LEN))
         .disable_seeking(true)
         .create(NoSeek::new(BufWriter::with_capacity(BUFFER_LEN, &file)))
-        .map_err(io::Error::other)?;
+        .map_err(system_error)?;
     let mut channels = Vec::new();
     for channel in Channel::ALL {
-        let schema = writer
-            .add_schema(&channel.schema(), "protobuf", DESCRIPTORS)
-            .map_err(io::Error::other)?;
+        let schema =
+            writer.add_schema(&channel.schema(), "protobuf", DESCRIPTORS).map_err(system_error)?;
         let id = writer
             .add_channel(schema, channel.topic(), "protobuf", &[].into())
-            .map_err(io::Error::other)?;
+            .map_err(system_error)?;
         channels.push(id);
     }
     ready();
@@ -98,17 +98,46 @@ fn write(path: &Path, ready: impl FnOnce()) -> io::Result<u64> {
                     log_time: log_time_ns,
                     publish_time: log_time_ns,
                 };
-                writer.write_to_known_channel(&header, message).map_err(io::Error::other)?;
+                writer.write_to_known_channel(&header, message).map_err(system_error)?;
                 messages += 1;
             }
-            Frame::Flush => writer.flush().map_err(io::Error::other)?,
+            Frame::Flush => writer.flush().map_err(system_error)?,
         }
     }
-    writer.finish().map_err(io::Error::other)?;
+    writer.finish().map_err(system_error)?;
     writer.into_inner().into_inner().into_inner().map_err(io::IntoInnerError::into_error)?;
     file.sync_all()?;
-    fs::rename(&part, path)?;
+    put_in_place(&part, path)?;
     Ok(messages)
+}
+
+/// Gives the complete file its name. A file that cannot be replaced, because a container has
+/// mounted it or the folder forbids it, is written over.
+fn put_in_place(part: &Path, path: &Path) -> io::Result<()> {
+    let Err(error) = fs::rename(part, path) else { return Ok(()) };
+    let copied = fs::copy(part, path).and_then(|_| File::open(path)?.sync_all());
+    if copied.is_ok() {
+        return fs::remove_file(part);
+    }
+    let cause = format!("the file is complete but cannot become {}: {error}", path.display());
+    Err(io::Error::new(error.kind(), cause))
+}
+
+/// Returns the error of the system that the writer of the format has met.
+fn system_error(error: mcap::McapError) -> io::Error {
+    match error {
+        mcap::McapError::Io(error) => error,
+        error => io::Error::other(error),
+    }
+}
+
+/// Adds what the user can do about an error.
+fn with_remedy(error: &io::Error) -> String {
+    let remedy = match error.kind() {
+        ErrorKind::StorageFull => Some("free space there, or record to another disk"),
+        _ => remedy::of_write(error),
+    };
+    remedy.map_or_else(|| error.to_string(), |remedy| format!("{error}; {remedy}"))
 }
 
 /// Opens the file empty and locks it, so that no other recorder writes to it.

@@ -26,6 +26,10 @@ const MAX_CANDIDATES: usize = 1024;
 const MAX_ALL_SUBSETS: usize = 4;
 /// Most ticks without a sample between two answers.
 const MAX_EMPTY_TICKS: u32 = 64;
+/// Most tries for an answer, each of some ticks of a controller.
+const MAX_TRIES: usize = 8 * MAX_CANDIDATES;
+/// Most ways to place the ticks without a sample that are tried for each set of samples.
+const MAX_PLACEMENTS: usize = 256;
 
 /// A policy that the controller received before a tick.
 #[derive(Clone, Debug)]
@@ -86,15 +90,18 @@ impl<'a> ReplayController<'a> {
         self.swap_policies(answer)?;
         let mut first_difference = None;
         let mut next = Vec::new();
+        // Not every set of more samples is tried.
+        self.is_pruned |= answer.unanswered.len() > MAX_ALL_SUBSETS;
+        let mut tries = 0;
         'all: for controller in &self.candidates {
             for received in plausible_subsets(&answer.unanswered) {
-                match attempt(controller, &received, answer) {
-                    Ok(after) => next.push(after),
-                    Err(difference) => {
-                        first_difference.get_or_insert(difference);
-                    }
-                }
-                if next.len() == MAX_CANDIDATES {
+                let found = explanations(controller, &received, answer);
+                next.extend(found.after);
+                tries += found.tries;
+                self.is_pruned |= !found.is_complete;
+                first_difference = first_difference.or(found.difference);
+                if next.len() > MAX_CANDIDATES || tries > MAX_TRIES {
+                    next.truncate(MAX_CANDIDATES);
                     self.is_pruned = true;
                     break 'all;
                 }
@@ -135,43 +142,92 @@ impl<'a> ReplayController<'a> {
     }
 }
 
-/// Returns the controller after it received these samples and then the answered
-/// one, with as many ticks without a sample before or after as its count of
-/// rejected ticks requires.
-fn attempt<'a>(
+/// The controllers after an answer that they explain.
+struct Explanations<'a> {
+    after: Vec<WireController<'a>>,
+    /// Number of possibilities tried, and whether these are all.
+    tries: usize,
+    is_complete: bool,
+    /// The difference without ticks without a sample; `None` if there is none.
+    difference: Option<Difference>,
+}
+
+/// Returns the controllers after they received these samples and then the answered one, with as
+/// many ticks without a sample as the count of rejected ticks requires, wherever these may have
+/// been. In lock-step there are none.
+fn explanations<'a>(
     controller: &WireController<'a>,
     received: &[&Sample],
     answer: &Answer,
-) -> Result<WireController<'a>, Difference> {
-    let play = |empty_before: u32, empty_after: u32| {
+) -> Explanations<'a> {
+    let samples = || received.iter().copied().chain([&answer.sample]);
+    // `empty[i]` ticks without a sample before sample i, the last ones after all samples: the
+    // command of a tick without a sample carries the number of the last sample, so it may have
+    // replaced the answer to that sample before the leg received it.
+    let play = |empty: &[u32]| {
         let mut controller = controller.clone();
-        for sample in received {
-            controller.tick(Some(sample));
-        }
-        for _ in 0..empty_before {
-            controller.tick(None);
-        }
-        let mut replayed = controller.tick(Some(&answer.sample));
-        for _ in 0..empty_after {
-            replayed = controller.tick(None);
+        let mut replayed = Command::default();
+        for (i, count) in empty.iter().enumerate() {
+            for _ in 0..*count {
+                replayed = controller.tick(None);
+            }
+            if let Some(sample) = samples().nth(i) {
+                replayed = controller.tick(Some(sample));
+            }
         }
         (controller, replayed)
     };
-    let (after, replayed) = play(0, 0);
-    let Some(found) = difference(&answer.command, &replayed) else { return Ok(after) };
-    // In lock-step this is 0: the controller has no ticks without a sample.
-    let empty_ticks = answer.command.rejected.saturating_sub(replayed.rejected);
-    if empty_ticks <= MAX_EMPTY_TICKS {
-        // The command of a tick without a sample carries the number of the last sample, so it
-        // may have replaced the answer to that sample before the leg received it.
-        for empty_after in 0..=empty_ticks {
-            let (after, replayed) = play(empty_ticks - empty_after, empty_after);
-            if difference(&answer.command, &replayed).is_none() {
-                return Ok(after);
-            }
+    let places = received.len() + 2;
+    let (after, replayed) = play(&vec![0; places]);
+    let Some(found) = difference(&answer.command, &replayed) else {
+        return Explanations { after: vec![after], tries: 1, is_complete: true, difference: None };
+    };
+    let ticks = answer.command.rejected.saturating_sub(replayed.rejected);
+    let (placements, is_complete) = placements(ticks, places);
+    let after = placements
+        .iter()
+        .map(|empty| play(empty))
+        .filter(|(_, replayed)| difference(&answer.command, replayed).is_none())
+        .map(|(after, _)| after)
+        .collect();
+    let tries = 1 + placements.len();
+    Explanations { after, tries, is_complete, difference: Some(found) }
+}
+
+/// Returns the ways to distribute `ticks`, above 0, over `places`, and whether these are all:
+/// of very many, only those at the first and the last two places.
+fn placements(ticks: u32, places: usize) -> (Vec<Vec<u32>>, bool) {
+    if ticks == 0 {
+        return (Vec::new(), true);
+    }
+    if ticks > MAX_EMPTY_TICKS {
+        return (Vec::new(), false);
+    }
+    let mut all: Vec<Vec<u32>> = vec![Vec::new()];
+    for place in 0..places {
+        let extend = |part: &Vec<u32>| {
+            let left = ticks - part.iter().sum::<u32>();
+            // The last place gets the rest.
+            let from = if place + 1 == places { left } else { 0 };
+            (from..=left).map(|count| [&part[..], &[count]].concat()).collect::<Vec<_>>()
+        };
+        all = all.iter().flat_map(extend).collect();
+        if all.len() > MAX_PLACEMENTS {
+            let at = |first: u32, before: u32, after: u32| {
+                let mut one = vec![0; places];
+                one[0] = first;
+                one[places - 2] += before;
+                one[places - 1] = after;
+                one
+            };
+            let ends = (0..=ticks).flat_map(|n| [at(n, 0, ticks - n), at(0, n, ticks - n)]);
+            let mut some: Vec<_> = ends.collect();
+            some.sort_unstable();
+            some.dedup();
+            return (some, false);
         }
     }
-    Err(found)
+    (all, true)
 }
 
 /// Returns the sets of unanswered samples that the controller may have received,
@@ -194,6 +250,19 @@ fn plausible_subsets(unanswered: &[Sample]) -> Vec<Vec<&Sample>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn places_ticks_without_a_sample_everywhere_or_reports_that_it_does_not() {
+        assert_eq!(placements(0, 3), (vec![], true));
+        let (all, is_complete) = placements(2, 3);
+        assert!(is_complete);
+        assert_eq!(all.len(), 6, "{all:?}");
+        assert!(all.iter().all(|one| one.len() == 3 && one.iter().sum::<u32>() == 2), "{all:?}");
+        let (some, is_complete) = placements(40, 6);
+        assert!(!is_complete && some.len() == 81, "{}", some.len());
+        assert!(some.iter().all(|one| one.len() == 6 && one.iter().sum::<u32>() == 40));
+        assert_eq!(placements(MAX_EMPTY_TICKS + 1, 3), (vec![], false));
+    }
 
     #[test]
     fn tries_every_subset_of_few_samples_and_prefixes_and_suffixes_of_many() {

@@ -18,13 +18,14 @@ use leg_control::policy::{ParseError, Policy};
 use leg_control::wire_controller::WireController;
 use leg_process::policy_file::{AlignedBytes, PolicyFile, PolicyFileError};
 
+use crate::record::contents::Contents;
 use crate::record::read::ReadError;
-use crate::record::schema::Config;
+use crate::record::schema::{Channel, Config};
 
 pub use compare::{Difference, difference};
 use controller::{Divergence, ReplayController, Swap};
 pub use report::{ApexComparison, ReplayReport};
-pub use source::{Answer, Source, Summary};
+pub use source::{Answer, Source};
 
 /// Why a recording cannot be replayed.
 #[derive(Debug, thiserror::Error)]
@@ -38,8 +39,10 @@ pub enum ReplayError {
     Policy(#[from] PolicyFileError),
     /// The recording contains no policy.
     #[error(
-        "{}: the recording does not contain the policy that ran, as when the controller was behind a bridge",
-        .0.display()
+        "{} contains no policy that ran from its first tick (topic {}), as when the controller was \
+         behind a bridge, or another program has removed it",
+        .0.display(),
+        Channel::Policy.topic()
     )]
     NoPolicy(PathBuf),
     /// A policy in the recording is invalid.
@@ -64,6 +67,14 @@ pub enum ReplayError {
         /// Version of the program that made it.
         release: String,
     },
+    /// No command was compared, so nothing is known of the others.
+    #[error("{}: no command was compared: {why}", path.display())]
+    NothingCompared {
+        /// The recording.
+        path: PathBuf,
+        /// The cause.
+        why: String,
+    },
     /// Its rate or gravity is out of range.
     #[error("{}: {cause}", path.display())]
     Config {
@@ -79,20 +90,24 @@ pub enum ReplayError {
 /// # Errors
 /// [`ReplayError`] if the recording or the policy cannot be used.
 pub fn replay(path: &Path, other: Option<&PolicyFile>) -> Result<ReplayReport, ReplayError> {
-    let summary = Summary::of(path)?;
-    let config = control_config(path, &summary.config)?;
+    let contents = Contents::of(path)?;
+    let config = control_config(path, contents.config()?)?;
+    let first_tick = contents.first()?;
+    if contents.commands == 0 {
+        return Err(contents.missing("new command of a controller", Channel::Command).into());
+    }
     let blobs: Vec<AlignedBytes> =
-        summary.policies.iter().map(|policy| policy.blob.as_slice().into()).collect();
+        contents.policies.iter().map(|policy| policy.blob.as_slice().into()).collect();
     let mut swaps = match other {
-        Some(other) => VecDeque::from([Swap { at: summary.first, policy: Some(other.policy()?) }]),
-        None => recorded_policies(path, &summary, &blobs)?,
+        Some(other) => VecDeque::from([Swap { at: first_tick, policy: Some(other.policy()?) }]),
+        None => recorded_policies(path, &contents, &blobs)?,
     };
     let Some(Swap { policy: Some(first), .. }) = swaps.pop_front() else {
         return Err(ReplayError::NoPolicy(path.to_owned()));
     };
-    let mut report = ReplayReport::new(path, &summary, first.manifest().name, other.is_some());
+    let mut report = ReplayReport::new(path, &contents, first.manifest().name, other.is_some())?;
     let mut controller = ReplayController::new(WireController::new(first, config), swaps);
-    let mut source = Source::open(path)?;
+    let mut source = Source::open(&contents)?;
     while let Some(answer) = source.next_answer()? {
         if let Some(why) = &answer.gap {
             report.stop(why.clone());
@@ -125,7 +140,11 @@ pub fn replay(path: &Path, other: Option<&PolicyFile>) -> Result<ReplayReport, R
             }
         }
     }
-    report.finish(&mut source)?;
+    report.finish();
+    if report.compared == 0 {
+        let why = report.not_compared.unwrap_or_else(|| "it has none to compare".to_owned());
+        return Err(ReplayError::NothingCompared { path: path.to_owned(), why });
+    }
     Ok(report)
 }
 
@@ -147,11 +166,11 @@ fn control_config(path: &Path, config: &Config) -> Result<ControlConfig, ReplayE
 /// Returns the policies in the order in which the controller received them.
 fn recorded_policies<'a>(
     path: &Path,
-    summary: &Summary,
+    contents: &Contents,
     blobs: &'a [AlignedBytes],
 ) -> Result<VecDeque<Swap<'a>>, ReplayError> {
     let mut swaps = Vec::new();
-    for (recorded, blob) in summary.policies.iter().zip(blobs) {
+    for (recorded, blob) in contents.policies.iter().zip(blobs) {
         let policy = if recorded.blob.is_empty() {
             None
         } else {
@@ -165,7 +184,8 @@ fn recorded_policies<'a>(
     }
     swaps.sort_by_key(|swap| swap.at);
     // Without the policy of the first tick the replay cannot start.
-    if swaps.first().is_none_or(|first| first.at > summary.first) {
+    let first_tick = contents.first()?;
+    if swaps.first().is_none_or(|first| first.at > first_tick) {
         swaps.clear();
     }
     Ok(swaps.into())

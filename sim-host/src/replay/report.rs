@@ -8,8 +8,10 @@ use serde::Serialize;
 
 use super::compare::{Difference, difference};
 use super::controller::Continuity;
-use super::source::{Answer, Source, Summary};
+use super::source::Answer;
+use crate::record::contents::Contents;
 use crate::record::read::ReadError;
+use crate::record::schema::Config;
 use crate::scenario::Settings;
 
 /// Most apexes in the text table.
@@ -72,13 +74,19 @@ pub struct ReplayReport {
 }
 
 impl ReplayReport {
-    pub(super) fn new(path: &Path, summary: &Summary, policy: &str, is_other: bool) -> Self {
-        Self {
+    pub(super) fn new(
+        path: &Path,
+        contents: &Contents,
+        policy: &str,
+        is_other: bool,
+    ) -> Result<Self, ReadError> {
+        let config = contents.config()?;
+        Ok(Self {
             recording: path.to_owned(),
-            pace: summary.config.pace.clone(),
+            pace: config.pace.clone(),
             policy: policy.to_owned(),
             is_other,
-            ticks: summary.ticks,
+            ticks: contents.ticks,
             compared: 0,
             equal: true,
             different: 0,
@@ -87,9 +95,9 @@ impl ReplayReport {
             restart_ticks: Vec::new(),
             not_compared: None,
             apexes: Vec::new(),
-            warnings: fault_warning(summary).into_iter().collect(),
+            warnings: contents.warning().into_iter().chain(fault_warning(config)).collect(),
             last_apexes: 0,
-        }
+        })
     }
 
     pub(super) fn add_same(&mut self, answer: &Answer, continuity: Continuity) {
@@ -137,13 +145,11 @@ impl ReplayReport {
         self.not_compared = Some(why);
     }
 
-    pub(super) fn finish(&mut self, source: &mut Source) -> Result<(), ReadError> {
-        self.warnings.extend(source.warning()?);
+    pub(super) fn finish(&mut self) {
         if let Some(why) = &self.not_compared {
             let rest = self.ticks.saturating_sub(self.compared + self.unanswered);
             self.warnings.push(format!("{why}; {rest} of {} ticks are not compared", self.ticks));
         }
-        Ok(())
     }
 
     fn count(&mut self, answer: &Answer) {
@@ -153,8 +159,8 @@ impl ReplayReport {
 }
 
 /// Returns a warning if faults were injected into the run.
-fn fault_warning(summary: &Summary) -> Option<String> {
-    let settings = Settings::from_toml(&summary.config.scenario_toml).ok()?;
+fn fault_warning(config: &Config) -> Option<String> {
+    let settings = Settings::from_toml(&config.scenario_toml).ok()?;
     (!settings.faults.is_empty()).then(|| {
         "faults were injected into the run; if they affected the link, the controller may have \
          received other samples than the recorded ones"
@@ -188,7 +194,7 @@ impl fmt::Display for ReplayReport {
                     writeln!(
                         f,
                         "{} commands are the same, bit for bit, the next differs",
-                        compared - 1
+                        compared.saturating_sub(1)
                     )?;
                 }
                 writeln!(

@@ -2,52 +2,12 @@
 //! the one that it answers.
 
 use std::collections::VecDeque;
-use std::path::Path;
 
 use leg_control::wire::{self, Header};
 
-use crate::record::read::{ReadError, Reader};
-use crate::record::schema::{AnyMessage, Config, Policy};
-
-/// What a recording contains beside its ticks.
-#[derive(Clone, Debug)]
-pub struct Summary {
-    /// The scenario and the program.
-    pub config: Config,
-    /// Every policy.
-    pub policies: Vec<Policy>,
-    /// Run id and number of the first tick.
-    pub first: (u32, u64),
-    /// Number of samples.
-    pub ticks: u64,
-}
-
-impl Summary {
-    /// Reads a recording to its end.
-    ///
-    /// # Errors
-    /// [`ReadError`] if the file is not a recording, or has no configuration or tick.
-    pub fn of(path: &Path) -> Result<Self, ReadError> {
-        let mut reader = Reader::open(path)?;
-        let (mut config, mut policies) = (None, Vec::new());
-        let (mut first, mut ticks) = (None, 0);
-        while let Some(message) = reader.next_message()? {
-            match message {
-                AnyMessage::Config(found) => config = Some(found),
-                AnyMessage::Policy(policy) => policies.push(policy),
-                AnyMessage::Sample(sample) => {
-                    first.get_or_insert((sample.run_id, sample.seq));
-                    ticks += 1;
-                }
-                _ => (),
-            }
-        }
-        let empty = |what| ReadError::Empty { path: path.to_owned(), what };
-        let config = config.ok_or_else(|| empty("configuration"))?;
-        let first = first.ok_or_else(|| empty("tick"))?;
-        Ok(Self { config, policies, first, ticks })
-    }
-}
+use crate::record::contents::{Contents, Messages};
+use crate::record::read::ReadError;
+use crate::record::schema::AnyMessage;
 
 /// A command that arrived, and the samples that the controller may have used.
 #[derive(Clone, Debug)]
@@ -63,31 +23,33 @@ pub struct Answer {
 }
 
 /// Reads the answers of a recording.
-pub struct Source {
-    reader: Reader,
+pub struct Source<'a> {
+    contents: &'a Contents,
+    messages: Messages,
     samples: VecDeque<wire::Sample>,
     /// Run id and number of the last sample.
     last: Option<(u32, u64)>,
     gap: Option<String>,
 }
 
-impl Source {
+impl<'a> Source<'a> {
     /// Opens a recording.
     ///
     /// # Errors
-    /// [`ReadError`] if the file is not a recording.
-    pub fn open(path: &Path) -> Result<Self, ReadError> {
-        Ok(Self { reader: Reader::open(path)?, samples: VecDeque::new(), last: None, gap: None })
+    /// [`ReadError`] if its messages cannot be read.
+    pub fn open(contents: &'a Contents) -> Result<Self, ReadError> {
+        let messages = contents.messages()?;
+        Ok(Self { contents, messages, samples: VecDeque::new(), last: None, gap: None })
     }
 
     /// Returns the next answer, `None` after the last.
     ///
     /// # Errors
-    /// [`ReadError`] if reading fails.
+    /// [`ReadError`] if reading fails, or the samples are those of several runs.
     pub fn next_answer(&mut self) -> Result<Option<Answer>, ReadError> {
-        while let Some(message) = self.reader.next_message()? {
+        while let Some(message) = self.messages.next_message()? {
             match message {
-                AnyMessage::Sample(sample) => self.push(&(&sample).into()),
+                AnyMessage::Sample(sample) => self.push(&(&sample).into())?,
                 AnyMessage::Command(command) if command.is_new => {
                     return Ok(Some(self.answer((&command).into())));
                 }
@@ -97,34 +59,39 @@ impl Source {
         Ok(None)
     }
 
-    /// Reads the rest of the file and returns a description of what was wrong
-    /// with it.
-    ///
-    /// # Errors
-    /// [`ReadError`] if reading fails.
-    pub fn warning(&mut self) -> Result<Option<String>, ReadError> {
-        while self.reader.next_message()?.is_some() {}
-        Ok(self.reader.warning())
-    }
-
-    fn push(&mut self, sample: &wire::Sample) {
+    fn push(&mut self, sample: &wire::Sample) -> Result<(), ReadError> {
         let Header { run_id, seq, .. } = sample.header;
-        let last = self.last.replace((run_id, seq));
-        if last.is_some_and(|last| last.0 != run_id) {
-            // The leg was put back to its start, so earlier samples no longer matter.
-            self.samples.clear();
-        } else if let Some((_, last)) = last
-            && seq != last + 1
-            && self.gap.is_none()
-        {
+        let merged = |how| Err(self.contents.merged(how));
+        let expected = match self.last.replace((run_id, seq)) {
+            // A leg that is put back to its start begins the next run, and earlier samples no
+            // longer matter.
+            Some((last, _)) if run_id == last.wrapping_add(1) => {
+                self.samples.clear();
+                0
+            }
+            Some((last, _)) if run_id != last => {
+                return merged(format!("tick {seq} has run id {run_id}, the one before {last}"));
+            }
+            Some((_, last)) if seq <= last => {
+                return merged(format!("tick {seq} comes after tick {last}"));
+            }
+            Some((_, last)) => last.saturating_add(1),
+            None => 0,
+        };
+        if seq > expected && self.gap.is_none() {
+            let cause = match self.contents.dropped {
+                Some(0) => "because another program has removed them",
+                Some(_) => "because its buffer was full",
+                None => "because its buffer was full or another program has removed them",
+            };
             self.gap = Some(format!(
-                "ticks {} to {} are not in the recording, because its buffer was full; the \
-                 controller's state after them is unknown",
-                last + 1,
+                "ticks {expected} to {} are not in the recording, {cause}; the controller's state \
+                 after them is unknown",
                 seq - 1
             ));
         }
         self.samples.push_back(*sample);
+        Ok(())
     }
 
     fn answer(&mut self, command: wire::Command) -> Answer {

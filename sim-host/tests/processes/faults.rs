@@ -27,7 +27,7 @@ fn faults_over_shared_memory_are_reproducible_by_seed() {
     }
     assert!(!one.out.contains("never fired"), "{}", one.out);
 
-    // What loses nothing of a tick is the same in one process as in two.
+    // Faults without lost messages give the same run in one process as in two.
     let late = ["delay=2,direction=commands", "lag=0.01", "ground=rough", "mass=1.1"];
     let apart = place.alone(&with("4", &late)).end();
     let mut within = with("4", &late);

@@ -2,12 +2,14 @@
 
 mod bridge;
 mod faults;
+mod other_programs;
 mod place;
 mod real_time;
 mod record;
 mod recovery;
 mod shared_memory;
 mod swap;
+mod unwritable;
 mod watch;
 
 use std::fs;
@@ -128,7 +130,7 @@ fn accepts_a_new_peer_before_the_death_of_the_old_one_is_noticed() {
     let successor = place.controller(&LONG_TIMEOUT);
     std::thread::sleep(Duration::from_millis(300));
     simulator.signal(Signal::CONT);
-    // The successor goes on with the run.
+    // The successor continues the run.
     place.wait_for_status(|status| status["ticks"].as_u64() > Some(0));
     simulator.signal(Signal::INT);
     let simulator = simulator.end();
@@ -262,12 +264,26 @@ fn warns_once_of_a_policy_for_another_leg() {
 }
 
 #[test]
-fn reports_an_unwritable_picture_before_the_run() {
+fn reports_an_unwritable_folder_that_was_named_before_the_run() {
     let place = Place::new();
     let in_the_way = place.policy();
     let shore = place.shore(&in_the_way).end();
     shore.assert(1, &[text(&in_the_way), "shore.svg", "--out"]);
     assert_eq!(shore.out, "", "the run has not started");
+    assert_eq!(shore.err.lines().count(), 1, "{}", shore.err);
+    place.assert_clean();
+}
+
+/// `--out` is not given: the run is wanted most, the picture comes with it.
+#[test]
+fn prints_the_table_where_the_picture_cannot_be_written() {
+    let place = Place::new();
+    // A file in place of the folder `out`, which stops the superuser as well.
+    fs::write(place.file("out"), "in the way").unwrap();
+    let shore = place.demonstration().end();
+    shore.assert(1, &["cannot write out/shore.svg", "--out"]);
+    assert!(shore.out.contains("state hash"), "{}", shore.out);
+    assert!(!shore.out.contains("picture:"), "{}", shore.out);
     assert_eq!(shore.err.lines().count(), 1, "{}", shore.err);
     place.assert_clean();
 }
@@ -343,7 +359,7 @@ fn a_spawned_controller_ends_with_its_simulator() {
     let domain = format!("run-{}", simulator.pid());
     place.wait_for_the_run(Some(&domain));
     simulator.kill();
-    // The controller finds out, ends, and takes everything along.
+    // The controller notices, ends, and removes everything.
     let deadline = std::time::Instant::now() + SOON;
     while folder_of(&domain).exists() && std::time::Instant::now() < deadline {
         std::thread::sleep(Duration::from_millis(10));
@@ -357,7 +373,7 @@ fn the_next_process_removes_the_remains_of_killed_ones() {
     let simulator = place.simulator(&ENDLESS);
     let controller = place.controller(&LONG_TIMEOUT);
     place.wait_for_the_run(None);
-    // Frozen first, so that neither sees the other die.
+    // Stopped first, so that neither notices the death of the other.
     for mut process in [simulator, controller] {
         process.signal(Signal::STOP);
         process.kill();

@@ -2,6 +2,7 @@
 
 use std::ffi::OsStr;
 use std::fs;
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -14,6 +15,8 @@ use leg_host::Domain;
 use tempfile::TempDir;
 
 pub(crate) const PROGRAM: &str = env!("CARGO_BIN_EXE_sim-host");
+/// A user without rights.
+pub(crate) const NOBODY: u32 = 65534;
 /// Longest life of a process in a test.
 pub(crate) const LONG: Duration = Duration::from_mins(1);
 
@@ -56,6 +59,20 @@ impl Place {
     pub(crate) fn start(&self, command: &str, arguments: &[&str]) -> Running {
         let mut program = Command::new(PROGRAM);
         Running::start(program.arg(command).args(arguments).current_dir(self.dir.path()))
+    }
+
+    /// Starts the program as another user, which only the superuser can.
+    pub(crate) fn start_as_nobody(&self, arguments: &[&str]) -> Running {
+        // Everybody may enter, as in the system's own temporary folder, and run the program.
+        fs::set_permissions(self.dir.path(), fs::Permissions::from_mode(0o777)).expect("chmod");
+        let program = self.file("sim-host");
+        if !program.exists() {
+            fs::copy(PROGRAM, &program).expect("copy the program");
+        }
+        let nobody = NOBODY.to_string();
+        let mut command = Command::new("setpriv");
+        command.args(["--reuid", &nobody, "--regid", &nobody, "--clear-groups"]).arg(&program);
+        Running::start(command.args(arguments).current_dir("/"))
     }
 
     /// Starts a simulator in the test domain.
@@ -110,6 +127,27 @@ impl Place {
     /// Starts the demonstration, with its picture in `folder`.
     pub(crate) fn shore(&self, folder: &Path) -> Running {
         self.start("--out", &[text(folder)])
+    }
+
+    /// Starts the demonstration without options, in this place's directory.
+    pub(crate) fn demonstration(&self) -> Running {
+        Running::start(Command::new(PROGRAM).current_dir(self.dir.path()))
+    }
+
+    /// Starts the program from a shell, after other commands of the shell.
+    pub(crate) fn start_after(&self, commands: &str, arguments: &[&str]) -> Running {
+        let program = format!("{commands} && exec \"$0\" \"$@\"");
+        let mut shell = Command::new("sh");
+        shell.args(["-c", &program, PROGRAM]).args(arguments);
+        Running::start(shell.current_dir(self.dir.path()))
+    }
+
+    /// Starts the program from a shell with mounts of its own, after these commands.
+    pub(crate) fn start_with_mounts(&self, commands: &str, arguments: &[&str]) -> Running {
+        let program = format!("{commands} && exec \"$0\" \"$@\"");
+        let mut shell = Command::new("unshare");
+        shell.args(["--mount", "--", "sh", "-c", &program, PROGRAM]);
+        Running::start(shell.args(arguments).current_dir(self.dir.path()))
     }
 
     /// Waits until both processes have been connected for a while.

@@ -53,7 +53,7 @@ fn two_processes_run_in_real_time_and_report_their_loops() {
     assert_eq!((count(&leg, "ticks"), count(&leg, "falls")), (2000, 0));
     assert!(count(&leg, "hops") >= 1, "{leg}");
     assert_adds_up(&leg["loop"], "leg");
-    // What is due is played, whatever was slept through.
+    // Ticks missed in sleep are played, too.
     let of_run = count(&leg["loop"], "ticks") - count(&leg["loop"], "idle");
     assert!(of_run >= 2000, "{leg}");
 

@@ -49,7 +49,7 @@ fn read(path: &Path) -> (Vec<(Sample, Command)>, Vec<AnyMessage>, Option<String>
     let mut reader = Reader::open(path).unwrap();
     let (mut ticks, mut rest, mut last) = (Vec::new(), Vec::new(), None);
     while let Some(entry) = reader.next_message().unwrap() {
-        match entry {
+        match entry.message {
             AnyMessage::Sample(sample) => last = Some(Sample::from(&sample)),
             AnyMessage::Command(command) => ticks.push((last.unwrap(), Command::from(&command))),
             entry => rest.push(entry),
@@ -260,8 +260,9 @@ fn a_run_continues_without_its_recorder_and_reports_that_once() {
     wait_until("some of it is written", || size(&part(&path)) > 1 << 20);
     simulator.signal_children(Signal::KILL);
     let ended = simulator.end();
-    ended.assert(1, &["the recorder is lost", "lost.mcap.part", "the recording broke off"]);
-    assert_eq!(ended.err.matches("is lost").count(), 1, "{}", ended.err);
+    ended.assert(1, &["the recording broke off in", "lost.mcap.part: the recorder was ended"]);
+    let notice = "the run continues without its recording: the recorder was ended";
+    assert_eq!(ended.err.matches(notice).count(), 1, "{}", ended.err);
     assert!(ended.out.contains("1000000 ticks"), "{}", ended.out);
     assert!(!path.exists());
     let (ticks, _, warning) = read(&part(&path));
@@ -369,7 +370,7 @@ fn a_replay_swaps_policies_as_the_run_did() {
         record(&path, 5, |_| true, policies, law);
         replay::replay(&path, None).unwrap()
     };
-    // Whatever the order in which they came to be known.
+    // In any order of the policy messages.
     let report = replayed(&[second.clone(), first.clone()]);
     assert_eq!((report.equal, report.compared), (true, 5000), "{report}");
     let report = replayed(std::slice::from_ref(&first));
@@ -396,9 +397,9 @@ fn rejects_files_that_are_not_recordings_with_status_2() {
     empty("ros2");
     replay_of(&file).assert(2, &["profile is `ros2`", "--record"]);
     empty("spring-leg");
-    replay_of(&file).assert(2, &["cut off before its first configuration"]);
+    replay_of(&file).assert(2, &["contains no configuration (topic /config)"]);
 
-    // As behind a bridge, which does not report its policy.
+    // As behind a bridge, whose board does not send its policy.
     let mut controller = shipped_controller();
     record(&file, 1, |_| true, &[], |sample| controller.tick(Some(sample)));
     assert!(matches!(replay::replay(&file, None), Err(ReplayError::NoPolicy(_))));

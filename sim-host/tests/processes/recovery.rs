@@ -2,8 +2,6 @@
 
 use std::fs::{self, File};
 use std::io::Write as _;
-use std::os::unix::fs::PermissionsExt as _;
-use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use leg_host::Domain;
@@ -27,11 +25,11 @@ fn a_run_continues_with_the_next_controller() {
     place.wait_for_the_run(None);
     let first = controller.pid();
     controller.kill();
-    // Seen, before another takes its place.
+    // The loss is noticed before another takes its place.
     std::thread::sleep(Duration::from_millis(100));
     let mut controller = place.controller(&LONG_TIMEOUT);
     place.wait_for_status(|status| status["ticks"].as_u64() > Some(0));
-    // The second leaves in good order.
+    // The second ends by a signal.
     let second = controller.pid();
     controller.signal(Signal::TERM);
     controller.end().assert(1, &["stopped by a signal"]);
@@ -153,29 +151,10 @@ fn refuses_a_peer_of_another_wire_version() {
 
 #[test]
 fn reports_that_processes_of_two_users_cannot_connect() {
-    const NOBODY: &str = "65534";
     if !requirements::root() {
         return;
     }
     let place = Place::new();
-    // Everybody may come in, as in the system's own temporary folder.
-    let open = fs::Permissions::from_mode(0o777);
-    fs::set_permissions(place.file(""), open).unwrap();
-    // Where everybody may run it.
-    let program = place.file("sim-host");
-    fs::copy(env!("CARGO_BIN_EXE_sim-host"), &program).unwrap();
-    let as_nobody = |arguments: &[&str]| {
-        let output = Command::new("setpriv")
-            .args(["--reuid", NOBODY, "--regid", NOBODY, "--clear-groups"])
-            .arg(&program)
-            .args(arguments)
-            .current_dir("/")
-            .stdin(Stdio::null())
-            .output()
-            .expect("setpriv");
-        let err = String::from_utf8(output.stderr).unwrap();
-        (output.status.code(), err)
-    };
     let mut controller = place.staying(&[]);
     place.wait_for_status(|status| status["activity"] == "waiting");
     let apart = "user 0 has domains here too, and processes of two users cannot connect";
@@ -183,9 +162,7 @@ fn reports_that_processes_of_two_users_cannot_connect() {
         &["run", "--domain", place.domain(), "--timeout", "0.2"][..],
         &["controller", "status", "--domain", place.domain()],
     ] {
-        let (status, err) = as_nobody(arguments);
-        assert_eq!(status, Some(1), "{err}");
-        assert!(err.contains("no controller") && err.contains(apart), "{err}");
+        place.start_as_nobody(arguments).end().assert(1, &["no controller", apart]);
     }
     controller.signal(Signal::TERM);
     controller.end().assert_ok();

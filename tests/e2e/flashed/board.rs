@@ -1,4 +1,4 @@
-//! A flashed controller for a test, and how to talk to it.
+//! A flashed controller for a test, and its client.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock, PoisonError};
@@ -13,14 +13,14 @@ use leg_host::serial::stream::{ByteStream, Endpoint};
 use leg_process::Stop;
 use tempfile::TempDir;
 
-/// Ticks a second of every test here.
+/// Ticks a second in all tests here.
 pub(crate) const RATE_HZ: u32 = 1_000;
-/// Gravity of every test here, m/s2.
+/// Gravity in all tests here, m/s2.
 pub(crate) const GRAVITY_M_S2: f32 = 9.81;
 /// The emulator answers within a millisecond; a test machine may be busy.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// How many ticks a test plays: `usual`, or more when `LEG_HIL_TICKS` says so.
+/// Returns how many ticks a test plays: `usual`, or `LEG_HIL_TICKS` if that is more.
 pub(crate) fn ticks(usual: u64) -> u64 {
     match std::env::var("LEG_HIL_TICKS") {
         Ok(ticks) => ticks.parse::<u64>().expect("LEG_HIL_TICKS is a number of ticks").max(usual),
@@ -28,7 +28,7 @@ pub(crate) fn ticks(usual: u64) -> u64 {
     }
 }
 
-/// The image of the default board with these features more, built once each.
+/// Returns the image of the default board with more of its features; each is built once.
 pub(crate) fn image(features: &str) -> Image {
     static BUILT: OnceLock<Mutex<Vec<(String, Image)>>> = OnceLock::new();
     let built = BUILT.get_or_init(Mutex::default);
@@ -50,7 +50,7 @@ pub(crate) fn skips() -> bool {
     !requirements::qemu()
 }
 
-/// An emulated board, and a client at its line.
+/// An emulated board, and a client on its serial line.
 pub(crate) struct Flashed {
     pub(crate) client: Client,
     pub(crate) emulator: Emulator,
@@ -59,12 +59,12 @@ pub(crate) struct Flashed {
 }
 
 impl Flashed {
-    /// The default board with this policy in slot A, over a good line.
+    /// Starts the default board with this policy in slot A, over a good line.
     pub(crate) fn start(policy: Option<&Path>) -> Self {
         Self::start_image(&image(""), policy, |stream| stream)
     }
 
-    /// As [`Self::start`], of any image, over whatever `line` makes of the line.
+    /// As [`Self::start`], with any image, over the stream that `line` makes of the line.
     pub(crate) fn start_image(
         image: &Image,
         policy: Option<&Path>,
@@ -76,37 +76,37 @@ impl Flashed {
         let stream = line(endpoint.open().expect("the UART's socket"));
         let client = Client::new(stream, &Stop::default());
         let mut flashed = Self { client, emulator, seq: 0, _folder: folder };
-        flashed.client.identify(IDENTIFY_TIMEOUT).expect("it answers");
+        flashed.client.identify(IDENTIFY_TIMEOUT).expect("an answer");
         flashed
     }
 
-    /// Forgets the run and begins another.
+    /// Resets the controller and sets its mode.
     pub(crate) fn reset(&mut self, mode: Mode) {
         self.begin(7, mode);
     }
 
-    /// The same, as a session of this number.
+    /// As [`Self::reset`], with this session number.
     pub(crate) fn begin(&mut self, session: u32, mode: Mode) {
         let reset = Request::Reset { session, rate_hz: RATE_HZ, gravity_m_s2: GRAVITY_M_S2 };
         self.client.have_done(&reset).expect("a reset");
         self.client.have_done(&Request::SetMode(mode)).expect("a mode");
     }
 
-    /// The command for a sample: a tick, in lock-step.
+    /// Sends a sample and returns its command: in lock-step, a tick.
     pub(crate) fn command(&mut self, sample: &Sample) -> Command {
         self.seq += 1;
         self.client.post_sample(self.seq, sample);
         self.await_command()
     }
 
-    /// The command that comes next, for the sample that was posted last.
+    /// Waits for the command for the sample sent last.
     pub(crate) fn await_command(&mut self) -> Command {
         let begun = Instant::now();
         while begun.elapsed() < PATIENCE {
             match self.client.listen(PATIENCE).expect("the line") {
                 Received::Command { seq, command, .. } if seq == self.seq => return command,
                 Received::Alarm(alarm) => panic!("{alarm:?}"),
-                // Or an answer given twice.
+                // Commands among them are repeated answers.
                 Received::Nothing | Received::Reply | Received::Command { .. } => (),
             }
         }
@@ -116,24 +116,4 @@ impl Flashed {
     pub(crate) fn status(&mut self) -> Status {
         self.client.status().expect("a status")
     }
-}
-
-/// All that a command says, its floats by their bits.
-pub(crate) fn bits(command: &Command) -> ([u64; 5], [u32; 10]) {
-    let h = &command.header;
-    (
-        [h.version.into(), h.flags.into(), h.run_id.into(), h.seq, h.t_ns],
-        [
-            command.leg_angle_rad.to_bits(),
-            command.elongation_m.to_bits(),
-            command.elongation_rate_m_s.to_bits(),
-            command.apex_vx_m_s.to_bits(),
-            command.apex_y_m.to_bits(),
-            command.density_ratio.to_bits(),
-            command.velocity_offset_m_s.to_bits(),
-            command.apexes,
-            command.rejected,
-            command.set_points_refused,
-        ],
-    )
 }

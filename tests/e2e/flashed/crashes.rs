@@ -1,4 +1,4 @@
-//! What goes wrong on the board: no policy, a bad one, a panic, a fault.
+//! Failures on the board: no policy, a bad one, a panic, a fault.
 
 use std::time::{Duration, Instant};
 
@@ -22,7 +22,7 @@ fn sample(seq: u64) -> Sample {
 }
 
 #[test]
-fn without_a_policy_the_leg_stays_safe_and_it_says_why() {
+fn without_a_valid_policy_every_command_is_safe_and_the_slots_report_the_cause() {
     if skips() {
         return;
     }
@@ -49,8 +49,8 @@ fn without_a_policy_the_leg_stays_safe_and_it_says_why() {
     }
 }
 
-/// Runs the image that breaks off as the session says; what it said last, and its exit status.
-/// The leg is made safe first, in answer to the last turn.
+/// Runs the image whose session number selects a crash. Returns the alarm and the exit status.
+/// The board answers the last sample with the safe command first.
 fn crash_of(session: u32) -> (Crash, i32) {
     let mut flashed = Flashed::start_image(&image("provoke"), Some(&shipped()), |line| line);
     flashed.begin(session, Mode::LockStep);
@@ -58,7 +58,7 @@ fn crash_of(session: u32) -> (Crash, i32) {
     let (mut seq, mut last) = (0, None);
     let crash = 'crash: loop {
         seq += 1;
-        // Once it has ended nobody takes the sample, but the alarm is still to be read.
+        // Once the board has ended the sample is lost, but the alarm can still be read.
         flashed.client.post_sample(seq as u32, &sample(seq));
         while last.is_none_or(|(answered, _)| u64::from(answered) != seq) {
             assert!(begun.elapsed() < Duration::from_secs(30), "no crash in {seq} ticks");
@@ -77,7 +77,7 @@ fn crash_of(session: u32) -> (Crash, i32) {
     let status = loop {
         assert!(begun.elapsed() < Duration::from_secs(20), "the emulator has not ended");
         if let Some(status) = flashed.emulator.ended().unwrap() {
-            break status.code().expect("it exits");
+            break status.code().expect("an exit status");
         }
         std::thread::sleep(Duration::from_millis(5));
     };
@@ -85,7 +85,7 @@ fn crash_of(session: u32) -> (Crash, i32) {
 }
 
 #[test]
-fn a_panic_a_fault_and_a_full_stack_are_told_and_have_exit_codes_of_their_own() {
+fn a_panic_a_fault_and_a_full_stack_send_alarms_and_have_different_exit_statuses() {
     if skips() {
         return;
     }
@@ -95,14 +95,15 @@ fn a_panic_a_fault_and_a_full_stack_are_told_and_have_exit_codes_of_their_own() 
     let (crash, status) = crash_of(2);
     assert!(matches!(crash, Crash::HardFault { pc } if pc > 0), "{crash:?}");
     assert_eq!(status, 102);
-    // Where it was lay on the stack that was not there.
+    // The address would be on the stack, which has overflowed.
     let (crash, status) = crash_of(3);
     assert_eq!((crash, status), (Crash::HardFault { pc: 0 }, 102));
 }
 
-/// What `cargo xtask image` asks of every image; and that it would find a panic.
+/// `cargo xtask image` checks this for every image; the other image shows that it would find a
+/// panic.
 #[test]
-fn the_image_has_no_way_to_panic() {
+fn the_image_cannot_panic() {
     if skips() {
         return;
     }

@@ -1,5 +1,4 @@
-//! Host and firmware, given the same samples, return the same commands, to the
-//! last bit: hopping in water, over the shore and on land, with bad samples of
+//! Host and firmware return the same commands for the same samples, bit for bit: hopping in water, over the shore and on land, with bad samples of
 //! every kind, changed set-points, resets and swapped policies in between.
 
 use std::time::Duration;
@@ -13,30 +12,31 @@ use leg_host::serial::upload::upload;
 use leg_host::{Link, LinkError};
 use rand::RngExt;
 use rand_pcg::Pcg64;
+use sim_host::replay::difference;
 use sim_host::scenario::{Scenario, Settings};
 use sim_host::session::lock_step::{self, Options};
 
-use crate::board::{Flashed, GRAVITY_M_S2, RATE_HZ, bits, shipped, skips, ticks};
+use crate::bad_samples::BadSamples;
+use crate::board::{Flashed, GRAVITY_M_S2, RATE_HZ, shipped, skips, ticks};
 use crate::policies::sibling;
-use crate::senses::BadSenses;
 
-/// A leg's link to both: a controller in this process, and the flashed one.
-struct Twins<'f> {
+/// A leg's link to two controllers at once: one in this process, and the flashed one.
+struct HostAndFirmware<'f> {
     flashed: &'f mut Flashed,
     host: WireController<'static>,
     policies: [&'static [u8]; 2],
-    /// Which of them was uploaded last.
+    /// Index of the one uploaded last.
     current: usize,
     set_point_m_s: Option<f32>,
-    senses: BadSenses,
+    bad_samples: BadSamples,
     rng: Pcg64,
     reply: Option<Command>,
-    did: Did,
+    counts: Counts,
 }
 
-/// What happened, for the proof that it did.
+/// Counts of what the test has covered.
 #[derive(Clone, Copy, Debug, Default)]
-struct Did {
+struct Counts {
     ticks: u64,
     bad: u64,
     resets: u64,
@@ -53,7 +53,7 @@ fn policy(blob: &'static [u8]) -> Policy<'static> {
     Policy::parse(blob).expect("a policy")
 }
 
-impl<'f> Twins<'f> {
+impl<'f> HostAndFirmware<'f> {
     fn new(flashed: &'f mut Flashed, seed: u64) -> Self {
         flashed.reset(Mode::LockStep);
         Self {
@@ -62,30 +62,26 @@ impl<'f> Twins<'f> {
             policies: [SHIPPED, sibling()],
             current: 0,
             set_point_m_s: None,
-            senses: BadSenses::new(seed),
+            bad_samples: BadSamples::new(seed),
             rng: Pcg64::new(seed.into(), 9),
             reply: None,
-            did: Did::default(),
+            counts: Counts::default(),
         }
     }
 
-    /// The same tick for both; their one command.
+    /// Plays a tick on both and returns their command, which must be the same.
     fn tick(&mut self, sample: &Sample) -> Command {
         let set_point_m_s = self.set_point_m_s.unwrap_or(sample.set_point_m_s);
         let here = self.host.tick(Some(&Sample { set_point_m_s, ..*sample }));
         let there = self.flashed.command(sample);
-        assert_eq!(
-            bits(&here),
-            bits(&there),
-            "tick {}: {here:#?} here, {there:#?} there, for {sample:#?}",
-            self.did.ticks
-        );
-        self.senses.sent(sample);
-        self.did.ticks += 1;
+        let found = difference(&here, &there);
+        assert!(found.is_none(), "tick {}: {found:#?} for {sample:#?}", self.counts.ticks);
+        self.bad_samples.sent(sample);
+        self.counts.ticks += 1;
         here
     }
 
-    fn perhaps_something_else(&mut self) {
+    fn change_something_at_random(&mut self) {
         match self.rng.random_range(0..6_000) {
             0..2 => self.reset(),
             2..5 => self.swap(),
@@ -98,7 +94,7 @@ impl<'f> Twins<'f> {
         self.flashed.reset(Mode::LockStep);
         self.host = WireController::new(policy(self.policies[self.current]), config());
         self.set_point_m_s = None;
-        self.did.resets += 1;
+        self.counts.resets += 1;
     }
 
     fn swap(&mut self) {
@@ -109,33 +105,33 @@ impl<'f> Twins<'f> {
         let blob = self.policies[self.current];
         upload(&mut self.flashed.client, &policy(blob), blob, "", Duration::ZERO, |_| ()).unwrap();
         self.host.swap(policy(blob));
-        self.did.swaps += 1;
+        self.counts.swaps += 1;
     }
 
     fn change_set_point(&mut self) {
         let wanted = self.rng.random_range(-0.5_f32..0.5);
         self.set_point_m_s = self.rng.random_bool(0.5).then_some(wanted);
         self.flashed.client.have_done(&Request::SetPoint(self.set_point_m_s)).unwrap();
-        self.did.set_points += 1;
+        self.counts.set_points += 1;
     }
 }
 
-impl Link for Twins<'_> {
+impl Link for HostAndFirmware<'_> {
     type Sends = Sample;
     type Receives = Command;
 
     fn send(&mut self, good: &Sample) -> Result<(), LinkError> {
-        self.perhaps_something_else();
+        self.change_something_at_random();
         let mut reply = None;
-        for _ in 0..self.senses.burst() {
-            let bad = self.senses.spoilt(good);
+        for _ in 0..self.bad_samples.burst() {
+            let bad = self.bad_samples.bad(good);
             reply = Some(self.tick(&bad));
-            self.did.bad += 1;
+            self.counts.bad += 1;
         }
-        // Now and then the bad one comes in place of the good one.
+        // Sometimes the bad sample replaces the good one.
         let instead = reply.filter(|_| self.rng.random_bool(0.3));
         let mut command = instead.unwrap_or_else(|| self.tick(good));
-        // The leg does what it is told, whatever that answered.
+        // The leg accepts the command, whichever sample it answers.
         command.header = leg_control::wire::Header { flags: command.header.flags, ..good.header };
         self.reply = Some(command);
         Ok(())
@@ -146,7 +142,7 @@ impl Link for Twins<'_> {
     }
 }
 
-/// The way ashore, shorter, so that all of it is met.
+/// Returns the shore scenario, shortened so that the run reaches the land.
 fn scenario(run: u64, left: u64) -> Scenario {
     let start = sim_host::scenario::StartSettings { x_m: Some(3.0), ..Default::default() };
     let settings = Settings {
@@ -154,7 +150,7 @@ fn scenario(run: u64, left: u64) -> Scenario {
         set_point_m_s: Some(0.5),
         duration_s: Some(left.min(40_000) as f64 / f64::from(RATE_HZ)),
         start,
-        // Told or estimated, in turn.
+        // Estimated and measured in turn.
         density: Some(if run.is_multiple_of(2) {
             sim_host::scenario::DensitySense::Estimated
         } else {
@@ -172,18 +168,18 @@ fn host_and_firmware_give_the_same_commands_bit_for_bit() {
     }
     let wanted = ticks(12_000);
     let mut flashed = Flashed::start(Some(&shipped()));
-    let mut twins = Twins::new(&mut flashed, 1);
+    let mut both = HostAndFirmware::new(&mut flashed, 1);
     let mut run = 0;
-    while twins.did.ticks < wanted {
+    while both.counts.ticks < wanted {
         run += 1;
         let options = Options { run_id: run as u32, ..Options::default() };
-        let scenario = scenario(run, wanted - twins.did.ticks);
-        let outcome = lock_step::run(&scenario, &mut twins, options, |_| ()).expect("a run");
-        twins.did.apexes += outcome.apexes;
+        let scenario = scenario(run, wanted - both.counts.ticks);
+        let outcome = lock_step::run(&scenario, &mut both, options, |_| ()).expect("a run");
+        both.counts.apexes += outcome.apexes;
     }
-    let did = twins.did;
-    println!("{run} runs, {did:?}\n{:?}", flashed.status());
-    assert!(did.bad > wanted / 100, "{did:?}");
-    assert!(did.apexes >= wanted / 2_000, "it hops: {did:?}");
-    assert!(did.resets >= 1 && did.swaps >= 1 && did.set_points >= 1, "{did:?}");
+    let counts = both.counts;
+    println!("{run} runs, {counts:?}\n{:?}", flashed.status());
+    assert!(counts.bad > wanted / 100, "{counts:?}");
+    assert!(counts.apexes >= wanted / 2_000, "{counts:?}");
+    assert!(counts.resets >= 1 && counts.swaps >= 1 && counts.set_points >= 1, "{counts:?}");
 }

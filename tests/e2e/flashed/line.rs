@@ -1,5 +1,4 @@
-//! The line itself: nothing is lost on a good one, nothing false is taken from
-//! a bad one.
+//! The serial line: a good one loses nothing, and from a bad one nothing false is accepted.
 
 use std::time::Duration;
 
@@ -16,7 +15,7 @@ use sim_host::session::lock_step::{self, Options};
 
 use crate::board::{Flashed, GRAVITY_M_S2, RATE_HZ, image, shipped, skips, ticks};
 
-/// A leg's link to the flashed controller alone.
+/// A leg's link to the flashed controller.
 struct OverTheLine<'f>(&'f mut Flashed, Option<Command>);
 
 impl Link for OverTheLine<'_> {
@@ -43,7 +42,7 @@ fn water(ticks: u64) -> Scenario {
     Scenario::from_settings(&settings).expect("a scenario")
 }
 
-/// Hash of the run with a controller in this process.
+/// Returns the hash of the run with a controller in this process.
 fn hash_here(scenario: &Scenario) -> u64 {
     let config = Config::at_rate(RATE_HZ).unwrap().with_gravity(GRAVITY_M_S2).unwrap();
     let mut controller = WireController::new(Policy::parse(SHIPPED).unwrap(), config);
@@ -67,7 +66,7 @@ fn no_message_is_lost_on_a_good_line() {
     let there = flashed.status();
     let here = *flashed.client.counts();
     println!("{} ticks; there {there:?}; here {here:?}", outcome.ticks);
-    // The run, and its farewell.
+    // The run, and the sample that ends it.
     assert_eq!(here.commands - before, outcome.ticks + 1);
     assert_eq!(there.run.counts.ticks, outcome.ticks + 1);
     assert_eq!((there.device.lost_bytes, there.device.unsent), (0, 0));
@@ -81,7 +80,7 @@ fn no_message_is_lost_on_a_good_line() {
 }
 
 #[test]
-fn of_one_damaged_byte_in_a_hundred_nothing_false_is_taken() {
+fn noise_on_the_line_changes_neither_the_run_nor_the_number_of_ticks() {
     if skips() {
         return;
     }
@@ -92,20 +91,20 @@ fn of_one_damaged_byte_in_a_hundred_nothing_false_is_taken() {
     flashed.reset(Mode::LockStep);
     let mut link = OverTheLine(&mut flashed, None);
     let outcome = lock_step::run(&scenario, &mut link, Options::default(), |_| ()).unwrap();
-    assert_eq!(outcome.state_hash, hash_here(&scenario), "a false command was taken");
+    assert_eq!(outcome.state_hash, hash_here(&scenario), "a false command was accepted");
 
     let there = flashed.status();
     let (here, line) = (*flashed.client.counts(), *flashed.client.line_counts());
     println!("{} ticks; there {there:?}; here {here:?}, {line:?}", outcome.ticks);
-    // Each tick once, however often it was said.
+    // Each tick once, however often its sample was sent.
     assert_eq!(there.run.counts.ticks, outcome.ticks + 1);
     assert!(there.run.counts.repeated > 0 && here.sample_retries > 0);
     assert!(there.line.crc_errors > 0 && line.crc_errors > 0);
     assert!(there.line.resyncs > 0 && line.resyncs > 0);
-    // What was said here came as a good frame or as a bad one, or was split by
-    // a zero or joined to its neighbour by the loss of one.
-    let said = outcome.ticks + 1 + here.sample_retries;
+    // Each sample sent arrived as a good or a bad frame, or was split by a zero, or joined to
+    // its neighbour by the loss of one.
+    let sent = outcome.ticks + 1 + here.sample_retries;
     let l = there.line;
-    let came = u64::from(l.frames + l.crc_errors + l.malformed + l.oversize + l.version);
-    assert!(came >= said && came < said + said / 2, "said {said}, came {came}");
+    let arrived = u64::from(l.frames + l.crc_errors + l.malformed + l.oversize + l.version);
+    assert!(arrived >= sent && arrived < sent + sent / 2, "sent {sent}, arrived {arrived}");
 }

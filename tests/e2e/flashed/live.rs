@@ -1,4 +1,4 @@
-//! Live: the board's own timer is the tick, the newest sample counts.
+//! Live mode: the board's own timer starts the ticks, and each uses the newest sample.
 
 use std::time::{Duration, Instant};
 
@@ -8,7 +8,7 @@ use leg_host::serial::client::Received;
 
 use crate::board::{Flashed, shipped, skips};
 
-/// A leg at rest in mid-air: nothing but the stamps changes.
+/// Returns a sample of a leg at rest in mid-air: only number and time change.
 fn sample(seq: u64) -> Sample {
     let header = Header {
         version: WIRE_VERSION,
@@ -21,7 +21,7 @@ fn sample(seq: u64) -> Sample {
 }
 
 #[test]
-fn the_timer_ticks_whether_samples_come_or_not_and_counts_what_it_missed() {
+fn the_timer_ticks_without_samples_and_counts_the_missed_ones() {
     if skips() {
         return;
     }
@@ -29,7 +29,7 @@ fn the_timer_ticks_whether_samples_come_or_not_and_counts_what_it_missed() {
     flashed.reset(Mode::Live);
     let begun = Instant::now();
     let (mut seq, mut commands, mut safe) = (0, 0_u32, 0_u32);
-    let mut hear = |flashed: &mut Flashed, for_ms: u64| {
+    let mut receive = |flashed: &mut Flashed, for_ms: u64| {
         let until = Instant::now() + Duration::from_millis(for_ms);
         while let Some(left) = until.checked_duration_since(Instant::now()) {
             if let Received::Command { command, .. } = flashed.client.listen(left).unwrap() {
@@ -38,15 +38,15 @@ fn the_timer_ticks_whether_samples_come_or_not_and_counts_what_it_missed() {
             }
         }
     };
-    // One sample in some four ticks.
+    // One sample in about four ticks.
     for _ in 0..100 {
         seq += 4;
         flashed.client.post_sample(seq as u32, &sample(seq));
-        hear(&mut flashed, 4);
+        receive(&mut flashed, 4);
     }
     let fed = flashed.status();
-    // Then none: it goes on ticking, in the safe state.
-    hear(&mut flashed, 200);
+    // Then none: the ticks continue, in the safe state.
+    receive(&mut flashed, 200);
     let starved = flashed.status();
     let seconds = begun.elapsed().as_secs_f64();
     println!("fed {fed:?}\nstarved {starved:?}\n{commands} commands in {seconds:.2} s");
@@ -59,12 +59,12 @@ fn the_timer_ticks_whether_samples_come_or_not_and_counts_what_it_missed() {
         "{starved:?} in {seconds} s"
     );
     assert!(fed.run.counts.missed > 0 && fed.run.counts.ticks > fed.run.counts.missed, "{fed:?}");
-    assert!(starved.run.counts.ticks - fed.run.counts.ticks >= 20, "it stood still");
+    assert!(starved.run.counts.ticks - fed.run.counts.ticks >= 20, "the ticks stopped");
     assert_eq!(
         starved.run.counts.missed - fed.run.counts.missed,
         starved.run.counts.ticks - fed.run.counts.ticks,
         "no sample came"
     );
     let last = flashed.command(&sample(seq + 1_000));
-    assert_ne!(last.header.flags & flags::SAFE, 0, "starved, it waits in the safe state");
+    assert_ne!(last.header.flags & flags::SAFE, 0, "without samples it stays in the safe state");
 }

@@ -4,11 +4,11 @@
 //! installs it). They are short here; `LEG_HIL_TICKS=100000` makes them long, as
 //! `cargo xtask soak` does.
 
+mod bad_samples;
 mod board;
 mod crashes;
 mod identity;
 mod line;
 mod live;
 mod policies;
-mod senses;
 mod uploads;

@@ -3,8 +3,7 @@
 use leg_control::policy::{Manifest, Policy, SHIPPED, write};
 use leg_process::policy_file::AlignedBytes;
 
-/// The shipped policy's actor with other gains and other clips: another policy,
-/// that hops as well.
+/// Returns the shipped policy with other gains and other limits, which hops as well.
 pub(crate) fn sibling() -> &'static [u8] {
     let policy = Policy::parse(SHIPPED).expect("the shipped policy");
     let mut manifest = Manifest { name: "sibling", ..policy.manifest().clone() };
@@ -17,6 +16,6 @@ pub(crate) fn sibling() -> &'static [u8] {
     let mut bytes = AlignedBytes::zeros(SHIPPED.len() + 64);
     let len = write(&manifest, policy.actor().weights(), bytes.as_mut_slice()).expect("a policy");
     bytes.truncate(len);
-    // For as long as the test: controllers borrow it.
+    // For the whole test, because controllers borrow it.
     Box::leak(Box::new(bytes)).as_slice()
 }

@@ -1,5 +1,4 @@
-//! Uploads that break off, that are damaged, and that go well, to a leg that
-//! hops on meanwhile.
+//! Uploads that are cut off, damaged, and complete, while the leg hops on.
 
 use leg_control::policy::{Policy, SHIPPED};
 use leg_control::serial::message::{MAX_CHUNK, Mode, Reply, Request, RequestError};
@@ -15,7 +14,7 @@ use crate::board::{Flashed, RATE_HZ, shipped, skips, ticks};
 use crate::policies::sibling;
 
 fn running(client: &mut Client) -> u32 {
-    let who = client.identify(Duration::from_secs(10)).expect("it answers");
+    let who = client.identify(Duration::from_secs(10)).expect("an answer");
     who.policy.expect("a policy runs").crc32
 }
 
@@ -42,7 +41,7 @@ fn an_upload_cut_at_any_chunk_leaves_the_policy_running() {
     let mut flashed = Flashed::start(Some(&shipped()));
     let (blob, old) = (sibling(), crc32(SHIPPED));
     let count = chunks(blob).count();
-    // Every one in the long run.
+    // All of them in the long version.
     let step = if ticks(0) > 0 { 1 } else { 9 };
     for cut in (0..count).step_by(step) {
         begin(&mut flashed.client, blob).unwrap();
@@ -88,14 +87,14 @@ fn an_upload_with_any_byte_flipped_leaves_the_policy_running() {
     }
 }
 
-/// A leg's link to a controller that is uploaded to between ticks, a request a tick.
+/// A leg's link to a controller that receives an upload between ticks, a request a tick.
 struct Uploading<'f> {
     flashed: &'f mut Flashed,
-    /// What is to be said, last first.
+    /// The requests to send, the last one first.
     script: Vec<Request<'static>>,
     blobs: [&'static [u8]; 2],
     uploads: u32,
-    waits: bool,
+    is_waiting: bool,
     reply: Option<Command>,
     seq: u32,
 }
@@ -114,14 +113,14 @@ impl Uploading<'_> {
         }
         let request = self.script.last().expect("just filled");
         self.flashed.client.post_request(request);
-        self.waits = true;
+        self.is_waiting = true;
     }
 
-    fn heard_reply(&mut self) {
-        self.waits = false;
+    fn handle_reply(&mut self) {
+        self.is_waiting = false;
         match self.flashed.client.reply().expect("a reply") {
             Reply::Done => drop(self.script.pop()),
-            // The last one has not come to an apex yet: ask again.
+            // The last policy still waits for an apex: send the request again.
             Reply::Refused(RequestError::SwapPending) => (),
             other => panic!("{other:?} to {:?}", self.script.last()),
         }
@@ -133,7 +132,7 @@ impl Link for Uploading<'_> {
     type Receives = Command;
 
     fn send(&mut self, sample: &Sample) -> Result<(), LinkError> {
-        if !self.waits {
+        if !self.is_waiting {
             self.next_request();
         }
         self.seq += 1;
@@ -141,7 +140,7 @@ impl Link for Uploading<'_> {
         self.reply = loop {
             match self.flashed.client.listen(Duration::from_secs(10)).expect("the line") {
                 Received::Command { seq, command, .. } if seq == self.seq => break Some(command),
-                Received::Reply => self.heard_reply(),
+                Received::Reply => self.handle_reply(),
                 Received::Nothing | Received::Command { .. } => (),
                 Received::Alarm(alarm) => panic!("{alarm:?}"),
             }
@@ -155,7 +154,7 @@ impl Link for Uploading<'_> {
 }
 
 #[test]
-fn policies_are_swapped_under_a_hopping_leg() {
+fn swaps_policies_while_the_leg_hops() {
     if skips() {
         return;
     }
@@ -175,7 +174,7 @@ fn policies_are_swapped_under_a_hopping_leg() {
         script: Vec::new(),
         blobs: [SHIPPED, sibling()],
         uploads: 0,
-        waits: false,
+        is_waiting: false,
         reply: None,
         seq: 0,
     };

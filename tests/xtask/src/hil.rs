@@ -66,13 +66,30 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     report(&over_the_line, &here);
     print!("\n{line}");
 
-    ensure!(
-        args.serial.is_some() || over_the_line["state_hash"] == here["state_hash"],
-        "the run with the firmware differs from the run on the host: state hash {} against {}",
-        over_the_line["state_hash"],
-        here["state_hash"]
-    );
+    match compare(&over_the_line, &here) {
+        Ok(ticks) => println!("\n{ticks} ticks compared: the same, bit for bit"),
+        // It may have another policy than the host's run.
+        Err(cause) if args.serial.is_some() => println!("\nwith the board's policy: {cause}"),
+        Err(cause) => return Err(cause),
+    }
     Ok(())
+}
+
+/// Compares the states and commands of two runs by their hashes; returns the number of ticks.
+fn compare(run: &Value, here: &Value) -> Result<u64> {
+    let of = |run: &Value| {
+        let ticks = run["ticks"].as_u64().context("a run without a number of ticks")?;
+        let hash = run["state_hash"].as_str().context("a run without a state hash")?;
+        anyhow::Ok((ticks, hash.to_owned()))
+    };
+    let ((ticks, hash), (expected_ticks, expected)) = (of(run)?, of(here)?);
+    ensure!(ticks > 0, "the run with the firmware has no tick, so nothing was compared");
+    ensure!(
+        (ticks, &hash) == (expected_ticks, &expected),
+        "the run with the firmware differs from the run on the host: {ticks} ticks, state hash \
+         {hash} against {expected_ticks}, {expected}"
+    );
+    Ok(ticks)
 }
 
 /// The board that runs the firmware.
@@ -114,4 +131,28 @@ fn report(run: &Value, here: &Value) {
     let text = |value: &Value| value.as_str().unwrap_or("-").to_owned();
     let hash = "state_hash";
     println!("{hash:>24}  {:>18}  {:>18}", text(&run[hash]), text(&here[hash]));
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn a_comparison_of_nothing_or_of_different_runs_fails() {
+        let run = json!({ "ticks": 10, "state_hash": "ab" });
+        assert_eq!(compare(&run, &run).unwrap(), 10);
+        for other in [
+            json!({ "ticks": 10, "state_hash": "ac" }),
+            json!({ "ticks": 11, "state_hash": "ab" }),
+            json!({ "ticks": 10 }),
+            json!({}),
+        ] {
+            assert!(compare(&run, &other).is_err(), "{other}");
+        }
+        let empty = json!({ "ticks": 0, "state_hash": "ab" });
+        assert!(compare(&empty, &empty).unwrap_err().to_string().contains("nothing was compared"));
+        assert!(compare(&json!({}), &json!({})).is_err(), "two missing hashes are not equal ones");
+    }
 }

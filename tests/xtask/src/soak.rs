@@ -18,6 +18,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let time = Step::new("soak", "cargo", "test --release --package end-to-end --test flashed")
         .with("-- --nocapture --test-threads 1")
         .with_env("LEG_HIL_TICKS", args.ticks.to_string())
+        // Without the emulator the tests would be skipped, and nothing compared.
+        .with_env("LEG_REQUIRE", "qemu")
         .run()?;
     println!("soak: {:.0} s", time.as_secs_f64());
     Ok(())

@@ -13,12 +13,12 @@ pub(crate) struct Step {
     program: &'static str,
     args: String,
     folder: &'static str,
-    env: Option<(&'static str, String)>,
+    env: Vec<(&'static str, String)>,
 }
 
 impl Step {
     pub(crate) fn new(name: &'static str, program: &'static str, args: &str) -> Self {
-        Self { name, program, args: args.to_owned(), folder: ".", env: None }
+        Self { name, program, args: args.to_owned(), folder: ".", env: Vec::new() }
     }
 
     /// Adds arguments.
@@ -34,7 +34,7 @@ impl Step {
     }
 
     pub(crate) fn with_env(mut self, key: &'static str, value: impl Into<String>) -> Self {
-        self.env = Some((key, value.into()));
+        self.env.push((key, value.into()));
         self
     }
 

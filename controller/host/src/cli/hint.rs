@@ -199,8 +199,8 @@ mod tests {
         let hint = ask_error(&nobody).unwrap();
         assert!(hint.contains("`controller --policy FILE --domain d`"), "{hint}");
         for error in [
-            ClientError::Silent { waited: Duration::from_secs(1) },
-            ClientError::Noise { waited: Duration::from_secs(1), bad: 2 },
+            ClientError::Silent { waited: Duration::from_secs(1), others: Vec::new() },
+            ClientError::Noise { waited: Duration::from_secs(1), others: Vec::new(), bad: 2 },
         ] {
             assert!(client_error(&error).unwrap().contains("--baud"), "{error}");
         }

@@ -13,6 +13,7 @@ use crate::serial::stream::{
 };
 use crate::serial::{Client, ClientError, DeviceIdentity, client::IDENTIFY_TIMEOUT};
 use crate::server::socket_in;
+use crate::socket::connect;
 use leg_process::Stop;
 
 /// Which controller: the process in a domain (the default), or a board.
@@ -105,7 +106,7 @@ impl TargetArgs {
 /// [`ConnectionError`].
 pub fn open_process(domain: &str) -> Result<Box<dyn ByteStream>, ConnectionError> {
     let folder = Domain::folder(domain)?;
-    let connected = std::os::unix::net::UnixStream::connect(socket_in(&folder)).and_then(over_unix);
+    let connected = connect(&socket_in(&folder)).and_then(over_unix);
     connected.map_err(|cause| match cause.kind() {
         ErrorKind::NotFound | ErrorKind::ConnectionRefused => ConnectionError::Nobody {
             domain: domain.to_owned(),

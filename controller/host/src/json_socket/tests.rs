@@ -26,7 +26,7 @@ fn asked(domain: &Arc<Domain>, request: &Request) -> Result<String, AskError> {
     ask_at(domain.root(), domain.name(), Role::Controller, request, LONG)
 }
 
-/// What comes back to bytes that no well-behaved caller sends.
+/// Returns the answer to bytes that are no request.
 fn raw(domain: &Arc<Domain>, bytes: &[u8]) -> String {
     let mut socket = UnixStream::connect(path(domain.root(), Role::Controller)).unwrap();
     let _ = socket.write_all(bytes);
@@ -36,7 +36,7 @@ fn raw(domain: &Arc<Domain>, bytes: &[u8]) -> String {
 }
 
 #[test]
-fn a_question_is_answered_or_refused_in_words() {
+fn answers_or_refuses_each_request() {
     let dir = tempfile::tempdir().unwrap();
     let domain = domain(&dir);
     let open = open_socket(&domain);
@@ -46,13 +46,15 @@ fn a_question_is_answered_or_refused_in_words() {
     let refused = asked(&domain, &Request::Status).unwrap_err();
     assert!(matches!(&refused, AskError::Refused(why) if why == "not today"), "{refused}");
     drop(open);
-    let nobody = asked(&domain, &Request::Status).unwrap_err().to_string();
-    assert!(nobody.contains("no controller is running in domain `d`"), "{nobody}");
+    let nobody = asked(&domain, &Request::Status).unwrap_err();
+    assert!(nobody.to_string().starts_with("no controller is running in domain `d`"), "{nobody}");
+    let hint = crate::cli::hint::ask_error(&nobody).unwrap();
+    assert!(hint.contains("controller --policy FILE --domain d"), "{hint}");
     assert!(!path(domain.root(), Role::Controller).exists());
 }
 
 #[test]
-fn what_is_no_request_is_said_to_be_none_and_the_next_is_served() {
+fn refuses_bytes_that_are_no_request_and_serves_the_next_client() {
     let dir = tempfile::tempdir().unwrap();
     let domain = domain(&dir);
     let _open = open_socket(&domain);
@@ -91,4 +93,20 @@ fn a_dead_ones_socket_is_replaced_and_a_silent_one_is_told() {
     let wait = Duration::from_millis(50);
     let silent: Result<String, _> = ask_at(domain.root(), "d", Role::Leg, &Request::Status, wait);
     assert!(matches!(silent, Err(AskError::Silent { role: Role::Leg, .. })), "{silent:?}");
+}
+
+#[test]
+fn returns_the_answer_of_a_process_that_closes_before_it_has_read_the_request() {
+    let dir = tempfile::tempdir().unwrap();
+    let domain = domain(&dir);
+    let listener = UnixListener::bind(path(domain.root(), Role::Controller)).unwrap();
+    let server = std::thread::spawn(move || {
+        let (mut socket, _) = listener.accept().unwrap();
+        socket.write_all(b"{\"Err\":\"not so much\"}\n").unwrap();
+    });
+    // More than the socket holds, so that the write fails.
+    let request = Request::Swap { file: "a.bin".into(), blob: "x".repeat(1 << 20) };
+    let refused = asked(&domain, &request).unwrap_err();
+    assert!(matches!(&refused, AskError::Refused(why) if why == "not so much"), "{refused}");
+    server.join().unwrap();
 }

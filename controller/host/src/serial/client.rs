@@ -4,16 +4,15 @@
 //! message. A message that is not answered in time, or answered by a damaged frame, is
 //! retransmitted under the same number; the node executes nothing twice.
 
-use std::io;
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
+pub use super::client_error::{ClientError, taken_by};
 use super::identity::DeviceIdentity;
 use super::line::{Came, Line, framed};
 use super::pending::{Answered, Pending, RetransmitTimer};
 use super::stream::ByteStream;
-use leg_control::serial::PROTOCOL_VERSION;
 use leg_control::serial::frame::FrameError;
 use leg_control::serial::message::{
     Alarm, LineCounts, Reply, Request, RequestError, SlotReport, Status, ToController, ToHost,
@@ -27,68 +26,6 @@ pub const IDENTIFY_TIMEOUT: Duration = Duration::from_secs(3);
 pub const REQUEST_TIMEOUT: Duration = Duration::from_secs(3);
 /// Longest wait on the line before the stop flag is checked.
 const LOOK: Duration = Duration::from_millis(50);
-
-/// Why a request failed.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum ClientError {
-    /// The stream broke.
-    #[error("the line to the controller broke: {0}; is the board unplugged, the emulator ended?")]
-    Line(#[from] io::Error),
-    /// Nothing arrived.
-    #[error(
-        "no answer for {:.1} s: is the board powered, the baud rate right, the port not \
-         taken by another program?",
-        waited.as_secs_f64()
-    )]
-    Silent {
-        /// Time waited.
-        waited: Duration,
-    },
-    /// Frames arrived, but none was good.
-    #[error(
-        "only noise has come for {:.1} s ({bad} damaged frames): is the baud rate right, the cable \
-         good?",
-        waited.as_secs_f64()
-    )]
-    Noise {
-        /// Time waited.
-        waited: Duration,
-        /// Damaged frames.
-        bad: u32,
-    },
-    /// The controller uses another protocol version.
-    #[error(
-        "the controller uses protocol version {theirs}, this program {PROTOCOL_VERSION}; flash the \
-         firmware of this release, or use the program of that one"
-    )]
-    ProtocolVersion {
-        /// The version of the controller.
-        theirs: u8,
-    },
-    /// The controller refuses the request.
-    #[error("the controller refuses: {0}")]
-    Refused(RequestError),
-    /// The reply is of another kind than the request.
-    #[error(
-        "the controller answers something else than what it was asked; build both from the same release"
-    )]
-    WrongReply,
-    /// The controller has crashed.
-    #[error("the controller has raised an alarm: {0}")]
-    Alarm(Alarm),
-    /// A signal asked this process to stop.
-    #[error("stopped by a signal")]
-    Stopped,
-}
-
-impl ClientError {
-    /// Returns whether the stream broke, so that another one may work.
-    #[must_use]
-    pub fn is_unplugged(&self) -> bool {
-        matches!(self, Self::Line(_))
-    }
-}
 
 /// Counters of this client.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -187,6 +124,12 @@ impl Client {
         }
     }
 
+    /// Closes the stream, until [`Client::replace_stream`]. A port is free only then, and one
+    /// that is plugged in again gets its old name only then.
+    pub fn close_stream(&mut self) {
+        self.line.close();
+    }
+
     /// Continues over another stream. Unanswered messages are dropped; counters stay.
     pub fn replace_stream(&mut self, stream: Box<dyn ByteStream>) {
         self.line.replace(stream);
@@ -204,6 +147,12 @@ impl Client {
     #[must_use]
     pub fn line_counts(&self) -> &LineCounts {
         self.line.counts()
+    }
+
+    /// Returns the other processes that have the device of the line open.
+    #[must_use]
+    pub fn other_users(&self) -> Vec<String> {
+        self.line.other_users()
     }
 
     /// Makes waits ignore the stop flag from now on, for what must still be sent before leaving.
@@ -242,8 +191,8 @@ impl Client {
         self.request = None;
     }
 
-    /// Waits at most `timeout` for something to come, and retransmits what is
-    /// due. May return [`Received::Nothing`] sooner.
+    /// Waits at most `timeout` for a message, and retransmits what is due. May return
+    /// [`Received::Nothing`] sooner.
     ///
     /// # Errors
     /// [`ClientError::Line`] when the stream is broken and everything that
@@ -369,10 +318,11 @@ impl Client {
             if waited >= timeout {
                 self.request = None;
                 let bad = bad_frames(self.line.counts()) - bad;
+                let others = self.other_users();
                 return Err(match self.foreign {
                     Some(theirs) => ClientError::ProtocolVersion { theirs },
-                    None if bad > 0 => ClientError::Noise { waited, bad },
-                    None => ClientError::Silent { waited },
+                    None if bad > 0 => ClientError::Noise { waited, others, bad },
+                    None => ClientError::Silent { waited, others },
                 });
             }
         }

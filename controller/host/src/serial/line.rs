@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::stream::ByteStream;
+use super::stream::{ByteStream, Closed};
 use leg_control::serial::frame::{self, FrameError, MAX_FRAME, Receiver, TooLongError};
 use leg_control::serial::message::LineCounts;
 
@@ -58,8 +58,18 @@ impl Line {
         self.receiver.push(0);
     }
 
+    /// Closes the stream, so that its device can be opened again.
+    pub(super) fn close(&mut self) {
+        self.stream = Box::new(Closed);
+    }
+
     pub(super) fn counts(&self) -> &LineCounts {
         self.receiver.counts()
+    }
+
+    /// Returns the other processes that may take bytes away.
+    pub(super) fn other_users(&self) -> Vec<String> {
+        self.stream.other_users()
     }
 
     /// Sends a frame. After a failure nothing more is sent.

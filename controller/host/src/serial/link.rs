@@ -1,8 +1,8 @@
-//! A link over a stream of bytes: samples one way, commands the other, each in a
-//! frame as [`PROTOCOL.md`](../../serial/PROTOCOL.md) has it.
+//! A link over a stream of bytes: samples one way, commands the other, each in a frame of
+//! `controller/src/serial/PROTOCOL.md`.
 //!
-//! Nothing is sent twice: a damaged frame is a lost message, and the next one counts.
-//! The [`Client`](super::Client) retransmits until it has an answer.
+//! It retransmits nothing: a frame that is damaged on the way is a lost message, and the next
+//! one counts. The [`Client`](super::Client) retransmits.
 
 use std::io;
 use std::time::{Duration, Instant};
@@ -17,13 +17,13 @@ use leg_control::wire::{Command, Sample};
 
 /// A message that fills a frame.
 pub trait Framed: Copy {
-    /// Who sends it.
+    /// The role that sends it.
     const SENDER: Role;
 
-    /// It in its frame, the sender's `seq` beside it.
+    /// Returns the frame of the message with the sender's number `seq`.
     fn frame(&self, seq: u32) -> Option<Vec<u8>>;
 
-    /// It out of the payload of a frame, if that is what it holds.
+    /// Returns the message in the payload of a frame; `None` if that is of another type.
     fn unframe(payload: &[u8]) -> Option<Self>;
 }
 
@@ -63,7 +63,7 @@ pub struct SerialLink<Out, In> {
     seq: u32,
     /// The process at the other end, for messages about it.
     peer_pid: u32,
-    /// The stream has ended; what came before still counts.
+    /// The stream has ended; messages before that still count.
     ended: bool,
     newest: Option<In>,
     sends: core::marker::PhantomData<Out>,
@@ -75,7 +75,7 @@ pub type SerialLeg = SerialLink<Sample, Command>;
 pub type SerialController = SerialLink<Command, Sample>;
 
 impl<Out, In> SerialLink<Out, In> {
-    /// Over an open stream; `peer_pid` is the process at its other end.
+    /// Creates a link over an open stream; `peer_pid` is the process at its other end.
     #[must_use]
     pub fn new(stream: Box<dyn ByteStream>, peer_pid: u32) -> Self {
         Self {
@@ -90,8 +90,8 @@ impl<Out, In> SerialLink<Out, In> {
 }
 
 impl<Out: Framed, In: Framed> SerialLink<Out, In> {
-    /// Takes all that is there, waiting for the first of it at most `timeout`; the
-    /// newest message replaces those before.
+    /// Reads all that has arrived; waits for the first byte at most `timeout`. The newest
+    /// message replaces those before.
     fn listen(&mut self, mut timeout: Duration) -> Result<(), LinkError> {
         while !self.ended {
             match self.line.receive(timeout) {
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn on_a_noisy_line_a_message_comes_whole_or_not_at_all() {
+    fn on_a_noisy_line_a_message_arrives_undamaged_or_not_at_all() {
         let (leg, controller) = pair();
         let mut leg = SerialLeg::new(Box::new(Noisy::new(leg, 0.005, 11)), 1);
         let mut controller = SerialController::new(controller, 1);

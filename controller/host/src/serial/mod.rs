@@ -1,6 +1,6 @@
 //! The host's end of a serial line to a flashed controller.
 //!
-//! [`stream`] carries bytes: a serial port, a unix socket or TCP. [`client`]
+//! [`stream`] carries bytes: a serial [`port`], a unix socket or TCP. [`client`]
 //! sends messages over it and retransmits them until they are answered, and
 //! [`upload`] transfers a policy.
 //!
@@ -8,11 +8,13 @@
 //! controller, with flash in memory.
 
 pub mod client;
+mod client_error;
 pub mod identity;
 mod line;
 pub mod link;
 mod noise;
 mod pending;
+pub mod port;
 pub mod stream;
 pub mod upload;
 pub mod virtual_board;

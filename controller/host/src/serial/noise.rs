@@ -56,4 +56,8 @@ impl<S: ByteStream> ByteStream for Noisy<S> {
         self.damage(&mut bytes);
         self.stream.write_all(&bytes)
     }
+
+    fn other_users(&self) -> Vec<String> {
+        self.stream.other_users()
+    }
 }

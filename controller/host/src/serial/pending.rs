@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_is_met_evenly_and_silence_ever_more_slowly() {
+    fn the_interval_stays_in_noise_and_grows_in_silence() {
         let mut pending = Pending::new(1, Vec::new(), &RetransmitTimer::new());
         let intervals: Vec<_> = (0..14)
             .map(|_| {
@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn an_answer_given_twice_makes_it_more_patient() {
+    fn a_repeated_answer_raises_the_interval() {
         let mut timer = RetransmitTimer::new();
         for _ in 0..100 {
             waited(1, Duration::from_micros(50)).answered(&mut timer);

@@ -1,15 +1,19 @@
 //! A stream of bytes to and from a controller, whatever carries it.
 
 use std::fmt;
+use std::fs::File;
 use std::io::{self, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::os::fd::AsFd;
 use std::os::unix::net::UnixStream;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use serialport::{SerialPort, TTYPort};
+use rustix::io::{Errno, ioctl_fionbio};
+
+use super::port::{Port, other_users};
+use crate::socket;
 
 /// Bits a second on a serial port, by default: the rate of the boards.
 pub const USUAL_BAUD: u32 = 2_000_000;
@@ -22,18 +26,24 @@ const CONNECT_PATIENCE: Duration = Duration::from_secs(3);
 
 /// Bytes both ways. Whatever wraps one (noise, a recorder) is again one.
 pub trait ByteStream: Send {
-    /// Takes what has come, waiting for the first byte at most `timeout`; 0
-    /// when none came.
+    /// Reads what has arrived; waits for the first byte at most `timeout`. Returns 0 if none
+    /// has arrived.
     ///
     /// # Errors
     /// When the stream has ended ([`io::ErrorKind::UnexpectedEof`]) or broken.
     fn read(&mut self, bytes: &mut [u8], timeout: Duration) -> io::Result<usize>;
 
-    /// Hands over all bytes.
+    /// Writes all bytes.
     ///
     /// # Errors
     /// When the stream has ended or broken, or takes nothing for a second.
     fn write_all(&mut self, bytes: &[u8]) -> io::Result<()>;
+
+    /// Returns the other processes that have the device of the stream open, and so may take
+    /// bytes away.
+    fn other_users(&self) -> Vec<String> {
+        Vec::new()
+    }
 }
 
 impl<T: ByteStream + ?Sized> ByteStream for Box<T> {
@@ -43,6 +53,10 @@ impl<T: ByteStream + ?Sized> ByteStream for Box<T> {
 
     fn write_all(&mut self, bytes: &[u8]) -> io::Result<()> {
         (**self).write_all(bytes)
+    }
+
+    fn other_users(&self) -> Vec<String> {
+        (**self).other_users()
     }
 }
 
@@ -57,21 +71,34 @@ fn stuck() -> io::Error {
     )
 }
 
-/// Whether it can be read from, or written to, within `timeout`.
+/// Waits until `stream` can be read or written; returns false after `timeout`.
 fn ready(stream: &impl AsFd, what: PollFlags, timeout: Duration) -> io::Result<bool> {
     // Nanoseconds, where a socket's own timeout counts in ticks of the kernel's clock.
     let timeout = Timespec::try_from(timeout).ok();
     match poll(&mut [PollFd::new(stream, what)], timeout.as_ref()) {
         // A signal: the caller checks the stop flag.
-        Err(rustix::io::Errno::INTR) => Ok(false),
+        Err(Errno::INTR) => Ok(false),
         ready => Ok(ready? > 0),
     }
 }
 
-/// A socket that never blocks by itself.
-struct Socket<S>(S);
+/// A descriptor that never blocks: every wait is a `poll` with a limit.
+#[derive(Debug)]
+pub(super) struct NonBlocking<S>(S);
 
-impl<S: Read + Write + AsFd + Send> ByteStream for Socket<S> {
+impl<S: AsFd> NonBlocking<S> {
+    /// Makes a descriptor non-blocking.
+    pub(super) fn new(stream: S) -> io::Result<Self> {
+        ioctl_fionbio(&stream, true)?;
+        Ok(Self(stream))
+    }
+
+    pub(super) fn get(&self) -> &S {
+        &self.0
+    }
+}
+
+impl<S: Read + Write + AsFd + Send> ByteStream for NonBlocking<S> {
     fn read(&mut self, bytes: &mut [u8], timeout: Duration) -> io::Result<usize> {
         if !ready(&self.0, PollFlags::IN, timeout)? {
             return Ok(0);
@@ -79,6 +106,7 @@ impl<S: Read + Write + AsFd + Send> ByteStream for Socket<S> {
         match self.0.read(bytes) {
             Ok(0) => Err(ended()),
             Err(error) if is_nothing(&error) => Ok(0),
+            Err(error) if is_hang_up(&error) => Err(ended()),
             result => result,
         }
     }
@@ -96,10 +124,30 @@ impl<S: Read + Write + AsFd + Send> ByteStream for Socket<S> {
                     }
                     ready(&self.0, PollFlags::OUT, left)?;
                 }
+                Err(error) if is_hang_up(&error) => return Err(ended()),
                 Err(error) => return Err(error),
             }
         }
         Ok(())
+    }
+}
+
+/// Returns whether an error is that of a terminal whose other end is gone, as of a port that
+/// was unplugged.
+fn is_hang_up(error: &io::Error) -> bool {
+    error.raw_os_error() == Some(Errno::IO.raw_os_error())
+}
+
+/// A stream that was closed at this end.
+pub(super) struct Closed;
+
+impl ByteStream for Closed {
+    fn read(&mut self, _bytes: &mut [u8], _timeout: Duration) -> io::Result<usize> {
+        Err(ended())
+    }
+
+    fn write_all(&mut self, _bytes: &[u8]) -> io::Result<()> {
+        Err(ended())
     }
 }
 
@@ -116,47 +164,33 @@ fn is_nothing(error: &io::Error) -> bool {
     )
 }
 
-/// A stream over a connected unix socket.
+/// Returns a stream over a connected unix socket.
 ///
 /// # Errors
 /// When the system refuses to make it non-blocking.
 pub fn over_unix(socket: UnixStream) -> io::Result<Box<dyn ByteStream>> {
-    socket.set_nonblocking(true)?;
-    Ok(Box::new(Socket(socket)))
+    Ok(Box::new(NonBlocking::new(socket)?))
 }
 
-/// A stream over a TCP connection; small messages go out at once.
+/// Returns a stream over a TCP connection; small messages are sent at once.
 ///
 /// # Errors
 /// When the system refuses to make it non-blocking.
 pub fn over_tcp(socket: TcpStream) -> io::Result<Box<dyn ByteStream>> {
-    socket.set_nonblocking(true)?;
     // Without it, an acknowledgement that is waited for costs 40 ms a round trip.
     socket.set_nodelay(true)?;
-    Ok(Box::new(Socket(socket)))
+    Ok(Box::new(NonBlocking::new(socket)?))
 }
 
-impl ByteStream for TTYPort {
-    fn read(&mut self, bytes: &mut [u8], timeout: Duration) -> io::Result<usize> {
-        self.set_timeout(timeout)?;
-        match Read::read(self, bytes) {
-            // The error of a port that was unplugged.
-            Ok(0) => Err(ended()),
-            Err(error) if is_nothing(&error) => Ok(0),
-            result => result,
-        }
-    }
-
-    fn write_all(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.set_timeout(WRITE_PATIENCE)?;
-        match Write::write_all(self, bytes) {
-            Err(error) if error.kind() == io::ErrorKind::TimedOut => Err(stuck()),
-            result => result,
-        }
-    }
+/// Returns a stream over an open device, such as the master of a pseudo-terminal.
+///
+/// # Errors
+/// When the system refuses to make it non-blocking.
+pub fn over_device(device: File) -> io::Result<Box<dyn ByteStream>> {
+    Ok(Box::new(NonBlocking::new(device)?))
 }
 
-/// Where a controller is to be reached.
+/// Where a controller can be reached.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Endpoint {
     /// A serial port, 8 data bits, no parity, 1 stop bit.
@@ -166,7 +200,7 @@ pub enum Endpoint {
         /// Bits a second; a USB port takes any.
         baud: u32,
     },
-    /// A unix socket that somebody listens on.
+    /// A unix socket on which a process listens.
     Unix(PathBuf),
     /// `host:port`.
     Tcp(String),
@@ -194,7 +228,8 @@ pub struct OpenError {
 
 fn hint(endpoint: &Endpoint, kind: io::ErrorKind) -> String {
     use io::ErrorKind::{
-        AddrNotAvailable, ConnectionRefused, InvalidInput, NotFound, PermissionDenied, ResourceBusy,
+        AddrNotAvailable, ConnectionRefused, InvalidInput, NotFound, PermissionDenied,
+        ResourceBusy, WouldBlock,
     };
     match (endpoint, kind) {
         (Endpoint::Serial { .. }, NotFound) => {
@@ -205,22 +240,29 @@ fn hint(endpoint: &Endpoint, kind: io::ErrorKind) -> String {
              `sudo usermod -aG dialout $USER`, and log in again",
             path.display()
         ),
-        (Endpoint::Serial { .. }, ResourceBusy) => {
-            "; another program has the port open: end it, or reach the controller through that \
-             bridge's shared socket"
-                .into()
+        (Endpoint::Serial { path, .. }, ResourceBusy) => {
+            let others = other_users(path);
+            let who = if others.is_empty() { "another program".into() } else { others.join(", ") };
+            format!(
+                "; {who} has the port open: end it or, if it is a bridge, reach the controller \
+                 through its domain"
+            )
         }
         (Endpoint::Serial { .. }, InvalidInput) => {
             "; does the port support this baud rate? 115200 works anywhere".into()
         }
         (Endpoint::Unix(_), NotFound | ConnectionRefused) => {
-            "; nobody listens there: start the emulator or the bridge with this socket first".into()
+            "; no process listens there: start the emulator or the bridge with this socket first"
+                .into()
+        }
+        (Endpoint::Unix(_), WouldBlock) => {
+            "; too many callers wait there: is the process that listens stopped?".into()
         }
         (Endpoint::Unix(_), PermissionDenied) => {
             "; the socket belongs to another user: run both as the same one".into()
         }
         (Endpoint::Tcp(_), ConnectionRefused | AddrNotAvailable | NotFound) => {
-            "; nobody listens there: start the emulator or the serial server first".into()
+            "; no process listens there: start the emulator or the serial server first".into()
         }
         (Endpoint::Serial { .. }, _) => "; is it a serial port?".into(),
         _ => String::new(),
@@ -238,41 +280,10 @@ impl Endpoint {
 
     fn try_open(&self) -> io::Result<Box<dyn ByteStream>> {
         match self {
-            Self::Serial { path, baud } => open_port(path, *baud),
-            Self::Unix(path) => over_unix(UnixStream::connect(path)?),
+            Self::Serial { path, baud } => Ok(Box::new(Port::open(path, *baud)?)),
+            Self::Unix(path) => over_unix(socket::connect(path)?),
             Self::Tcp(address) => over_tcp(connect(address)?),
         }
-    }
-}
-
-fn open_port(path: &Path, baud: u32) -> io::Result<Box<dyn ByteStream>> {
-    // serialport tells neither a missing port nor a forbidden one by its kind.
-    let port = std::fs::File::options().read(true).write(true).custom_flags_for_a_port().open(path);
-    drop(port?);
-    let name = path.to_str().ok_or(io::ErrorKind::InvalidFilename)?;
-    let port = TTYPort::open(&serialport::new(name, baud)).map_err(|error| match error.kind() {
-        serialport::ErrorKind::NoDevice => {
-            io::Error::new(io::ErrorKind::ResourceBusy, error.description)
-        }
-        serialport::ErrorKind::InvalidInput => {
-            io::Error::new(io::ErrorKind::InvalidInput, error.description)
-        }
-        _ => error.into(),
-    })?;
-    Ok(Box::new(port))
-}
-
-/// Opening a port waits for a carrier, and may make it the process's terminal,
-/// by default.
-trait PortOptions {
-    fn custom_flags_for_a_port(&mut self) -> &mut Self;
-}
-
-impl PortOptions for std::fs::OpenOptions {
-    fn custom_flags_for_a_port(&mut self) -> &mut Self {
-        use rustix::fs::OFlags;
-        use std::os::unix::fs::OpenOptionsExt;
-        self.custom_flags((OFlags::NONBLOCK | OFlags::NOCTTY).bits().cast_signed())
     }
 }
 

@@ -1,17 +1,17 @@
 use std::io;
 use std::os::unix::net::{UnixListener, UnixStream};
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use super::stream::{USUAL_BAUD, over_unix};
+use super::stream::over_unix;
 use super::upload::{Progress, roll_back, upload};
 use super::*;
 use crate::flash::MemoryFlash;
 use leg_control::checksum::crc32;
 use leg_control::policy::SHIPPED;
+use leg_control::serial::PROTOCOL_VERSION;
 use leg_control::serial::frame::{self, MAX_FRAME};
 use leg_control::serial::message::{
     Alarm, Crash, Mode, Request, RequestError, Slot, SlotError, ToHost,
@@ -23,13 +23,13 @@ use leg_process::policy_file::PolicyFile;
 const SHORT: Duration = Duration::from_millis(50);
 const LONG: Duration = Duration::from_secs(10);
 
-/// A board on a thread, at the far end of a stream.
-struct Bench {
+/// A board on a thread, at the other end of a stream.
+struct BoardThread {
     on: Arc<AtomicBool>,
     thread: Option<JoinHandle<io::Result<()>>>,
 }
 
-impl Bench {
+impl BoardThread {
     fn new(mut stream: Box<dyn ByteStream>, flash: MemoryFlash) -> Self {
         let on = Arc::new(AtomicBool::new(true));
         let goes_on = Arc::clone(&on);
@@ -40,7 +40,7 @@ impl Bench {
     }
 }
 
-impl Drop for Bench {
+impl Drop for BoardThread {
     fn drop(&mut self) {
         self.on.store(false, Ordering::Relaxed);
         self.thread.take().unwrap().join().unwrap().unwrap();
@@ -56,9 +56,9 @@ fn shipped() -> MemoryFlash {
     MemoryFlash::new().loaded(Slot::A, SHIPPED)
 }
 
-fn board() -> (Client, Bench) {
+fn board() -> (Client, BoardThread) {
     let (here, there) = pair();
-    (Client::new(here, &Stop::default()), Bench::new(there, shipped()))
+    (Client::new(here, &Stop::default()), BoardThread::new(there, shipped()))
 }
 
 fn sample(seq: u64) -> Sample {
@@ -71,9 +71,9 @@ fn alarm_frame(alarm: Alarm) -> Vec<u8> {
     frame::encode(&ToHost::Alarm(alarm), &mut room).unwrap().to_vec()
 }
 
-/// A peer that crashes sends its alarm and closes; the host may write first.
+/// A peer that crashes sends its alarm and closes the stream; the host may write before it reads.
 #[test]
-fn the_last_alarm_is_read_before_a_broken_stream_is_reported() {
+fn returns_the_last_alarm_before_it_reports_a_broken_stream() {
     let alarm = Alarm::Crash(Crash::Panic { line: 7 });
     for leaves_bytes_unread in [false, true] {
         let (here, mut there) = pair();
@@ -91,7 +91,7 @@ fn the_last_alarm_is_read_before_a_broken_stream_is_reported() {
     }
 }
 
-/// A stream that loses the first bytes both ways, as a port does that is just open.
+/// A stream that loses the first bytes in both directions, as a port may that was just opened.
 struct LosesFirst<S>(S, [usize; 2]);
 
 impl<S: ByteStream> ByteStream for LosesFirst<S> {
@@ -111,10 +111,10 @@ impl<S: ByteStream> ByteStream for LosesFirst<S> {
 }
 
 #[test]
-fn hello_is_said_until_it_is_answered() {
+fn repeats_the_first_request_until_it_is_answered() {
     let (here, there) = pair();
     let mut client = Client::new(Box::new(LosesFirst(here, [5, 12])), &Stop::default());
-    let _bench = Bench::new(there, shipped());
+    let _board = BoardThread::new(there, shipped());
     let who = client.identify(LONG).unwrap();
     assert_eq!((who.board.as_str(), who.session, who.mode), ("virtual", None, Mode::Idle));
     assert_eq!(who.policy.unwrap().name, "robust");
@@ -122,12 +122,12 @@ fn hello_is_said_until_it_is_answered() {
 }
 
 #[test]
-fn silence_noise_and_another_version_are_told_apart() {
+fn distinguishes_silence_noise_and_another_protocol_version() {
     let (here, mut there) = pair();
     let mut client = Client::new(here, &Stop::default());
     let silent = client.identify(SHORT).unwrap_err();
     assert!(matches!(silent, ClientError::Silent { .. }), "{silent}");
-    assert!(silent.to_string().contains("baud rate"), "{silent}");
+    assert!(silent.to_string().contains("the baud rate right"), "{silent}");
 
     there.write_all(&[0, 3, 7, 9, 0, 1, 2, 3, 0]).unwrap();
     let noise = client.identify(SHORT).unwrap_err();
@@ -141,15 +141,18 @@ fn silence_noise_and_another_version_are_told_apart() {
     frame.push(0);
     there.write_all(&frame).unwrap();
     let other = client.identify(SHORT).unwrap_err().to_string();
-    assert!(other.contains("uses protocol version 9, this program 2"), "{other}");
+    assert!(
+        other.contains(&format!("uses protocol version 9, this program {PROTOCOL_VERSION}")),
+        "{other}"
+    );
 
     drop(there);
     assert!(client.identify(LONG).unwrap_err().is_unplugged());
 }
 
 #[test]
-fn samples_and_requests_go_side_by_side() {
-    let (mut client, _bench) = board();
+fn samples_and_requests_are_answered_independently() {
+    let (mut client, _board) = board();
     client.have_done(&Request::Reset { session: 7, rate_hz: 500, gravity_m_s2: 1.62 }).unwrap();
     client.have_done(&Request::SetMode(Mode::LockStep)).unwrap();
     let who = client.identify(LONG).unwrap();
@@ -179,22 +182,21 @@ fn samples_and_requests_go_side_by_side() {
 }
 
 #[test]
-fn a_refusal_says_what_to_do() {
-    let (mut client, _bench) = board();
+fn a_refusal_names_the_limit_and_leaves_the_controller_usable() {
+    let (mut client, _board) = board();
     let refused = client.have_done(&Request::SetPoint(Some(99.0))).unwrap_err();
     assert!(matches!(refused, ClientError::Refused(RequestError::SetPoint { .. })), "{refused}");
     assert!(refused.to_string().contains("from -50 to 50 m/s"), "{refused}");
     let refused = roll_back(&mut client, SHORT).unwrap_err().to_string();
     assert!(refused.contains("nothing to go back to: empty"), "{refused}");
-    // It is none the worse for it.
     assert!(client.identify(LONG).is_ok());
 }
 
 #[test]
-fn a_board_without_a_policy_says_so_and_takes_one() {
+fn a_board_without_a_policy_sends_an_alarm_and_accepts_an_upload() {
     let (here, there) = pair();
     let mut client = Client::new(here, &Stop::default());
-    let _bench = Bench::new(there, MemoryFlash::new());
+    let _board = BoardThread::new(there, MemoryFlash::new());
     let Received::Alarm(alarm) = client.listen(LONG).unwrap() else { panic!("no alarm") };
     assert_eq!(alarm, Alarm::NoPolicy { a: SlotError::Empty, b: SlotError::Empty });
     let text = alarm.to_string();
@@ -209,10 +211,10 @@ fn a_board_without_a_policy_says_so_and_takes_one() {
 }
 
 #[test]
-fn an_upload_comes_through_noise_both_ways() {
+fn uploads_through_noise_in_both_directions() {
     let (here, there) = pair();
     let mut client = Client::new(Box::new(Noisy::new(here, 0.002, 1)), &Stop::default());
-    let _bench = Bench::new(there, shipped());
+    let _board = BoardThread::new(there, shipped());
     let blob = PolicyFile::load(None).unwrap();
     let policy = blob.policy().unwrap();
     let mut progress = Vec::new();
@@ -231,7 +233,7 @@ fn an_upload_comes_through_noise_both_ways() {
 }
 
 #[test]
-fn noise_is_as_much_as_asked_for_and_the_same_for_a_seed() {
+fn noise_damages_the_given_share_of_the_bytes_and_the_same_for_a_seed() {
     let damage = |seed| {
         let (here, mut there) = pair();
         let mut noisy = Noisy::new(here, 0.01, seed);
@@ -252,27 +254,7 @@ fn noise_is_as_much_as_asked_for_and_the_same_for_a_seed() {
 }
 
 #[test]
-fn a_serial_port_is_a_stream_too() {
-    use serialport::SerialPort;
-    let (master, slave) = serialport::TTYPort::pair().unwrap();
-    let path = PathBuf::from(slave.name().unwrap());
-    // Only one program at a time: the name is opened anew, below.
-    drop(slave);
-    let endpoint = Endpoint::Serial { path, baud: USUAL_BAUD };
-    let stream = endpoint.open().unwrap();
-    let second = endpoint.open().map(|_| ()).unwrap_err().to_string();
-    assert!(second.contains("another program has the port open"), "{second}");
-    let _bench = Bench::new(Box::new(master), shipped());
-    let mut client = Client::new(stream, &Stop::default());
-    assert_eq!(client.identify(LONG).unwrap().board, "virtual");
-    let blob = PolicyFile::load(None).unwrap();
-    let policy = blob.policy().unwrap();
-    let done = upload(&mut client, &policy, blob.as_slice(), "a file", LONG, |_| ()).unwrap();
-    assert!(done.swapped_after.is_some(), "all bytes go through as they are");
-}
-
-#[test]
-fn a_stream_over_tcp_and_what_cannot_be_opened() {
+fn reads_over_tcp_and_names_what_cannot_be_opened() {
     let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap().to_string();
     let mut here = Endpoint::Tcp(address.clone()).open().unwrap();
@@ -290,9 +272,9 @@ fn a_stream_over_tcp_and_what_cannot_be_opened() {
     let dead = dir.path().join("dead");
     drop(UnixListener::bind(&dead).unwrap());
     for (endpoint, what) in [
-        (Endpoint::Tcp(address), "nobody listens there"),
-        (Endpoint::Unix(path.clone()), "nobody listens there"),
-        (Endpoint::Unix(dead), "nobody listens there"),
+        (Endpoint::Tcp(address), "no process listens there"),
+        (Endpoint::Unix(path.clone()), "no process listens there"),
+        (Endpoint::Unix(dead), "no process listens there"),
         (Endpoint::Serial { path, baud: 9_600 }, "is the board plugged in?"),
         (Endpoint::Serial { path: "/dev/null".into(), baud: 9_600 }, "is it a serial port?"),
     ] {
@@ -302,7 +284,7 @@ fn a_stream_over_tcp_and_what_cannot_be_opened() {
 }
 
 #[test]
-fn a_peer_that_takes_nothing_is_an_error_and_not_a_wait_for_ever() {
+fn writing_to_a_peer_that_reads_nothing_times_out() {
     let (mut here, _there) = pair();
     let begun = Instant::now();
     let error = loop {

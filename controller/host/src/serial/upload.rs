@@ -1,4 +1,4 @@
-//! A policy brought to a flashed controller, and swapped in.
+//! Uploads of a policy to a controller.
 
 use std::time::{Duration, Instant};
 
@@ -8,36 +8,36 @@ use leg_control::serial::message::{
     MAX_CHUNK, MAX_ORIGIN, Request, RequestError, Slot, SlotReport,
 };
 
-/// Between two looks whether it is swapped in.
+/// Time between two checks whether the policy runs.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// How far an upload is.
+/// Progress of an upload.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Progress {
-    /// Bytes that are there, of so many.
+    /// Bytes sent, of so many.
     Sent(usize, usize),
-    /// All are there; the controller checks them.
+    /// All bytes are sent; the controller checks them.
     Checking,
-    /// It is the policy to run, from the next apex.
+    /// The policy is committed and runs from the next apex on.
     Committed,
 }
 
-/// What became of an upload.
+/// Result of an upload.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Uploaded {
-    /// Where it lies.
+    /// The slot of the policy.
     pub slot: Slot,
-    /// From the first byte to the commit.
+    /// Time from the first byte to the commit.
     pub took: Duration,
-    /// From the commit until it ran; `None` when it still waits for an apex.
+    /// Time from the commit until the policy ran; `None` while it waits for an apex.
     pub swapped_after: Option<Duration>,
 }
 
-/// Uploads a checked policy, `bytes` being its blob and `origin` where it comes
-/// from, commits it, and waits at most `timeout` until it runs. A policy that
-/// was committed before, and still waits for its apex, is waited for as long.
+/// Uploads and commits a checked policy, and waits at most `timeout` until it runs; `bytes` is
+/// its blob, `origin` its file. If a policy committed before still waits for its apex, waits at
+/// most `timeout` for that first.
 ///
-/// Until the commit the policy that runs is untouched, whatever happens.
+/// Until the commit nothing changes the running policy.
 ///
 /// # Errors
 /// [`ClientError`]; the policy that ran before runs on.
@@ -91,9 +91,9 @@ pub fn transfer(
     Ok(took)
 }
 
-/// Has the controller go back to the policy in the other slot, and waits at
-/// most `timeout` until it runs. Returns its slot, and how long that took, if
-/// it is done.
+/// Makes the controller return to the policy in the other slot, and waits at most `timeout`
+/// until that runs. Returns its slot, and the time until it ran; `None` while it waits for an
+/// apex.
 ///
 /// # Errors
 /// [`ClientError`].

@@ -1,4 +1,4 @@
-//! The node in its three modes.
+//! The control node in its three modes.
 
 use crate::rig::{HOP_TICKS, Rig, factory, hopping, is_safe, small_blob};
 use leg_control::config::Config;
@@ -16,20 +16,11 @@ fn rig(mode: Mode) -> Rig<MemoryFlash> {
     rig
 }
 
-/// The bits of a command, so that a NaN or a sign of zero would show.
-fn bits(command: &Command) -> [u32; 10] {
-    [
-        u32::from(command.header.flags),
-        command.leg_angle_rad.to_bits(),
-        command.elongation_m.to_bits(),
-        command.elongation_rate_m_s.to_bits(),
-        command.apex_vx_m_s.to_bits(),
-        command.apex_y_m.to_bits(),
-        command.density_ratio.to_bits(),
-        command.velocity_offset_m_s.to_bits(),
-        command.apexes,
-        command.rejected,
-    ]
+/// Returns the bits of a command, so that a NaN or a sign of zero shows; of its header, only
+/// the flags.
+fn bits(command: &Command) -> Vec<u8> {
+    let header = Header { flags: command.header.flags, ..Header::default() };
+    bytemuck::bytes_of(&Command { header, ..*command }).to_vec()
 }
 
 fn bare_controller(blob: &[u8]) -> WireController<'static> {
@@ -64,7 +55,7 @@ fn in_lock_step_each_new_number_is_a_tick_with_the_bits_of_the_bare_controller()
 }
 
 #[test]
-fn idle_answers_safely_with_the_header_of_the_sample() {
+fn idle_mode_answers_with_the_safe_command_and_the_header_of_the_sample() {
     let mut rig = rig(Mode::Idle);
     let command = rig.ticks(HOP_TICKS);
     assert!(is_safe(&command));
@@ -75,7 +66,7 @@ fn idle_answers_safely_with_the_header_of_the_sample() {
 }
 
 #[test]
-fn without_a_policy_every_mode_is_safe() {
+fn without_a_policy_every_command_is_safe_in_every_mode() {
     let mut node = ControlNode::new();
     for mode in [Mode::Idle, Mode::LockStep, Mode::Live] {
         node.set_mode(mode);
@@ -91,14 +82,14 @@ fn without_a_policy_every_mode_is_safe() {
             assert_eq!(command.header.seq, sample.header.seq);
         }
     }
-    // Live, and the samples have stopped.
+    // In live mode, after the last sample.
     let (line_seq, command) = node.live_tick().unwrap();
     assert!(is_safe(&command));
     assert_eq!(u64::from(line_seq), 2 * HOP_TICKS - 1);
 }
 
 #[test]
-fn live_the_newest_sample_counts_and_what_is_missed_is_counted() {
+fn in_live_mode_a_tick_uses_the_newest_sample_and_missed_ones_are_counted() {
     let mut rig = rig(Mode::Live);
     let mut bare = bare_controller(&small_blob("one"));
     assert_eq!(rig.node.with(ControlNode::live_tick), None, "nothing to answer yet");
@@ -107,7 +98,7 @@ fn live_the_newest_sample_counts_and_what_is_missed_is_counted() {
             bare.tick(None)
         } else {
             if k % 40 == 39 {
-                // One that a newer one overtakes.
+                // A newer sample replaces this one.
                 let late = hopping(2 * k);
                 assert_eq!(rig.node.with(|node| node.sample(5_000, &late)), None);
             }
@@ -119,7 +110,7 @@ fn live_the_newest_sample_counts_and_what_is_missed_is_counted() {
         assert_eq!(u64::from(line_seq), if k % 50 == 49 { k - 1 } else { k });
         assert_eq!(bits(&found), bits(&expected), "tick {k}");
     }
-    // The last number again, when it is answered already: the same answer.
+    // The last number again, after its answer: the same answer.
     let again = rig.node.with(|node| node.sample(198, &hopping(0)));
     assert_eq!(again.map(|c| c.header.seq), Some(397));
     let counts = rig.counts();
@@ -128,7 +119,7 @@ fn live_the_newest_sample_counts_and_what_is_missed_is_counted() {
 }
 
 #[test]
-fn live_silence_ends_in_the_safe_command() {
+fn in_live_mode_ticks_without_samples_end_in_the_safe_command() {
     let rig = rig(Mode::Live);
     for k in 0..50 {
         rig.node.with(|node| node.sample(k, &hopping(u64::from(k))));
@@ -141,7 +132,7 @@ fn live_silence_ends_in_the_safe_command() {
 }
 
 #[test]
-fn a_set_point_of_the_host_goes_before_that_of_the_samples() {
+fn a_set_point_of_the_host_overrides_that_of_the_samples() {
     let offset_with = |set_point| {
         let mut rig = rig(Mode::LockStep);
         rig.order(&Request::SetPoint(set_point)).unwrap();
@@ -152,8 +143,8 @@ fn a_set_point_of_the_host_goes_before_that_of_the_samples() {
 }
 
 #[test]
-fn a_reset_is_as_good_as_a_power_up() {
-    let run = |rig: &mut Rig<MemoryFlash>| -> Vec<[u32; 10]> {
+fn after_a_reset_the_controller_is_as_after_a_power_up() {
+    let run = |rig: &mut Rig<MemoryFlash>| -> Vec<Vec<u8>> {
         rig.order(&Request::Reset { session: 9, rate_hz: 1_000, gravity_m_s2: 3.7 }).unwrap();
         rig.order(&Request::SetMode(Mode::LockStep)).unwrap();
         let ticks = 0..3 * HOP_TICKS;
@@ -171,7 +162,7 @@ fn a_reset_is_as_good_as_a_power_up() {
 }
 
 #[test]
-fn a_policy_that_waits_is_in_at_once_when_the_leg_goes_idle() {
+fn a_pending_policy_takes_over_at_once_in_idle_mode() {
     let mut rig = rig(Mode::LockStep);
     rig.ticks(HOP_TICKS / 4);
     rig.upload(&small_blob("two")).unwrap();

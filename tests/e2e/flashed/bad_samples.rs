@@ -1,25 +1,25 @@
-//! What broken sensors and a broken line make of a sample.
+//! Samples as broken sensors and a broken line make them.
 
 use leg_control::wire::{Header, Sample, WIRE_VERSION, flags};
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
 /// Makes bad samples around the good ones of a run, the same for the same seed.
-pub(crate) struct BadSenses {
+pub(crate) struct BadSamples {
     rng: Pcg64,
     before: Sample,
 }
 
-/// Bad samples in a row that make the guard give up, and some more.
+/// Bad samples in a row after which the guard enters its safe state, and some more.
 const LONG_BURST: u32 = 14;
 
-impl BadSenses {
+impl BadSamples {
     pub(crate) fn new(seed: u64) -> Self {
         Self { rng: Pcg64::new(seed.into(), 5), before: Sample::default() }
     }
 
-    /// How many bad samples come before this good one: mostly none, sometimes
-    /// one or two, rarely enough for the safe state.
+    /// Returns how many bad samples precede the next good one: mostly none, sometimes one or
+    /// two, rarely enough for the safe state.
     pub(crate) fn burst(&mut self) -> u32 {
         match self.rng.random_range(0..10_000) {
             0..4 => LONG_BURST,
@@ -28,33 +28,33 @@ impl BadSenses {
         }
     }
 
-    /// What stands for `good` when it is spoilt.
-    pub(crate) fn spoilt(&mut self, good: &Sample) -> Sample {
+    /// Returns a bad sample in place of `good`.
+    pub(crate) fn bad(&mut self, good: &Sample) -> Sample {
         let mut bad = *good;
         match self.rng.random_range(0..9) {
             // Stale, out of order, too late.
             0 => bad = self.before,
             1 => bad.header.seq = good.header.seq.saturating_sub(self.rng.random_range(2..50)),
             2 => bad.header.t_ns += 1_000_000_000,
-            // Of another run, of another build.
+            // Of another run or another build.
             3 => bad.header.run_id = good.header.run_id.wrapping_sub(1),
             4 => bad.header.version = WIRE_VERSION + 1,
-            // Figures that are none, or beyond any leg.
-            5 => *self.figure(&mut bad) = f32::NAN,
-            6 => *self.figure(&mut bad) = 1e6,
-            // No word about the foot.
+            // Values that are no numbers or beyond any leg.
+            5 => *self.value(&mut bad) = f32::NAN,
+            6 => *self.value(&mut bad) = 1e6,
+            // Contact not sensed.
             7 => bad.header.flags &= !(flags::CONTACT_SENSED | flags::LEG_LENGTH_SENSED),
-            _ => bad = self.noise(),
+            _ => bad = self.random(),
         }
         bad
     }
 
-    /// Remembers what was sent, for what is stale.
+    /// Remembers a sample that was sent, for stale ones.
     pub(crate) fn sent(&mut self, sample: &Sample) {
         self.before = *sample;
     }
 
-    fn figure<'s>(&mut self, sample: &'s mut Sample) -> &'s mut f32 {
+    fn value<'s>(&mut self, sample: &'s mut Sample) -> &'s mut f32 {
         match self.rng.random_range(0..4) {
             0 => &mut sample.vx_m_s,
             1 => &mut sample.vy_m_s,
@@ -63,8 +63,8 @@ impl BadSenses {
         }
     }
 
-    /// Any bits at all.
-    fn noise(&mut self) -> Sample {
+    /// Returns a sample of random bits.
+    fn random(&mut self) -> Sample {
         let rng = &mut self.rng;
         Sample {
             header: Header {

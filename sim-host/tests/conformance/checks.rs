@@ -1,33 +1,28 @@
-//! Conformance suite of links, which every transport passes, bare and behind fault injection.
+//! What every transport must do.
 
 use std::sync::{Barrier, mpsc};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use leg_control::wire::{Command, Header, Sample, WIRE_VERSION, flags};
-use leg_host::{ControllerLink, LegLink, LinkError};
+use leg_host::{Link, LinkError};
 
-/// Timeout that no test should reach.
-const LONG: Duration = Duration::from_secs(10);
+use crate::transports::{LONG, Transport};
+
 const SHORT: Duration = Duration::from_millis(30);
 
-/// Runs the whole suite. `pair` prepares a new pair of ends. Each end is created in the thread that
-/// uses it, because the ends of a shared-memory link cannot move between threads.
-fn check<L, C, ML, MC>(pair: impl Fn() -> (ML, MC))
-where
-    L: LegLink,
-    C: ControllerLink,
-    ML: FnOnce() -> L + Send,
-    MC: FnOnce() -> C + Send,
-{
-    delivers_every_bit(&pair);
-    the_newest_message_replaces_older_ones(&pair);
-    a_timeout_is_not_an_error(&pair);
-    delivers_the_last_message_before_reporting_that_the_peer_left(&pair);
-    reports_that_the_controller_left(&pair);
-    keeps_a_message_until_it_is_received(&pair);
-    polling_never_blocks(&pair);
-    a_plain_link_always_expects_a_reply(&pair);
+/// Every check of the suite.
+pub(crate) fn all<T: Transport>() -> [fn(&T); 8] {
+    [
+        delivers_every_bit,
+        the_newest_message_replaces_older_ones,
+        a_timeout_is_not_an_error,
+        delivers_the_last_message_before_reporting_that_the_peer_left,
+        reports_that_the_controller_left,
+        keeps_a_message_until_it_is_received,
+        polling_never_blocks,
+        a_plain_link_always_expects_a_reply,
+    ]
 }
 
 /// Creates a sample in which every field differs, and differs with `seq`.
@@ -68,20 +63,21 @@ fn reply(sample: &Sample) -> Command {
 }
 
 /// Runs the two ends in two threads.
-fn run<L, C, R: Send>(
-    pair: (impl FnOnce() -> L + Send, impl FnOnce() -> C + Send),
-    leg: impl FnOnce(L) -> R + Send,
-    controller: impl FnOnce(C) + Send,
+fn run<T: Transport, R: Send>(
+    transport: &T,
+    leg: impl FnOnce(T::Leg) -> R + Send,
+    controller: impl FnOnce(T::Controller) + Send,
 ) -> R {
+    let (new_leg, new_controller) = transport.pair();
     // Both ends connect before either runs, so that neither leaves before the other has seen it.
     let connected = Barrier::new(2);
     thread::scope(|scope| {
         let controlling = scope.spawn(|| {
-            let end = pair.1();
+            let end = new_controller();
             connected.wait();
             controller(end);
         });
-        let end = pair.0();
+        let end = new_leg();
         connected.wait();
         let result = leg(end);
         controlling.join().expect("the controller's end");
@@ -89,14 +85,10 @@ fn run<L, C, R: Send>(
     })
 }
 
-fn delivers_every_bit<L: LegLink, C: ControllerLink, ML, MC>(pair: &impl Fn() -> (ML, MC))
-where
-    ML: FnOnce() -> L + Send,
-    MC: FnOnce() -> C + Send,
-{
+fn delivers_every_bit(transport: &impl Transport) {
     const TICKS: u64 = 1000;
     run(
-        pair(),
+        transport,
         |mut leg| {
             for seq in 0..TICKS {
                 let mut sent = sample(seq);
@@ -120,15 +112,10 @@ where
     );
 }
 
-fn the_newest_message_replaces_older_ones<L: LegLink, C: ControllerLink, ML, MC>(
-    pair: &impl Fn() -> (ML, MC),
-) where
-    ML: FnOnce() -> L + Send,
-    MC: FnOnce() -> C + Send,
-{
+fn the_newest_message_replaces_older_ones(transport: &impl Transport) {
     let (sent, all_sent) = mpsc::channel();
     run(
-        pair(),
+        transport,
         |mut leg| {
             for seq in 0..3 {
                 leg.send(&sample(seq)).expect("send without a reader");
@@ -148,14 +135,10 @@ fn the_newest_message_replaces_older_ones<L: LegLink, C: ControllerLink, ML, MC>
     );
 }
 
-fn a_timeout_is_not_an_error<L: LegLink, C: ControllerLink, ML, MC>(pair: &impl Fn() -> (ML, MC))
-where
-    ML: FnOnce() -> L + Send,
-    MC: FnOnce() -> C + Send,
-{
+fn a_timeout_is_not_an_error(transport: &impl Transport) {
     let (done, leg_done) = mpsc::channel();
     run(
-        pair(),
+        transport,
         |mut leg| {
             for timeout in [Duration::ZERO, SHORT] {
                 let start = Instant::now();
@@ -171,20 +154,10 @@ where
     );
 }
 
-fn delivers_the_last_message_before_reporting_that_the_peer_left<
-    L: LegLink,
-    C: ControllerLink,
-    ML,
-    MC,
->(
-    pair: &impl Fn() -> (ML, MC),
-) where
-    ML: FnOnce() -> L + Send,
-    MC: FnOnce() -> C + Send,
-{
+fn delivers_the_last_message_before_reporting_that_the_peer_left(transport: &impl Transport) {
     let (left, leg_left) = mpsc::channel();
     run(
-        pair(),
+        transport,
         |mut leg| {
             leg.send(&sample(5)).expect("send");
             drop(leg);
@@ -202,19 +175,14 @@ fn delivers_the_last_message_before_reporting_that_the_peer_left<
     );
 }
 
-fn reports_that_the_controller_left<L: LegLink, C: ControllerLink, ML, MC>(
-    pair: &impl Fn() -> (ML, MC),
-) where
-    ML: FnOnce() -> L + Send,
-    MC: FnOnce() -> C + Send,
-{
+fn reports_that_the_controller_left(transport: &impl Transport) {
     run(
-        pair(),
+        transport,
         |mut leg| {
             leg.send(&sample(0)).expect("send");
             let got = leg.receive(LONG).expect("a link").expect("a command");
             assert_eq!(got.header.seq, 0);
-            // The peer may be gone; only `receive` reports that.
+            // The peer may have left; only `receive` reports that.
             leg.send(&sample(1)).expect("send");
             let end = leg.receive(LONG);
             assert!(matches!(end, Err(LinkError::PeerLeft { .. })), "reported as left: {end:?}");
@@ -228,15 +196,10 @@ fn reports_that_the_controller_left<L: LegLink, C: ControllerLink, ML, MC>(
 
 /// A message is kept until the reader polls, because middleware takes it at its tick and not when
 /// it was sent.
-fn keeps_a_message_until_it_is_received<L: LegLink, C: ControllerLink, ML, MC>(
-    pair: &impl Fn() -> (ML, MC),
-) where
-    ML: FnOnce() -> L + Send,
-    MC: FnOnce() -> C + Send,
-{
+fn keeps_a_message_until_it_is_received(transport: &impl Transport) {
     let (answered, all_answered) = mpsc::channel();
     run(
-        pair(),
+        transport,
         move |mut leg| {
             leg.send(&sample(0)).expect("send");
             all_answered.recv().expect("answered");
@@ -259,15 +222,11 @@ fn keeps_a_message_until_it_is_received<L: LegLink, C: ControllerLink, ML, MC>(
 }
 
 /// A real-time loop polls once a tick, with a timeout of zero.
-fn polling_never_blocks<L: LegLink, C: ControllerLink, ML, MC>(pair: &impl Fn() -> (ML, MC))
-where
-    ML: FnOnce() -> L + Send,
-    MC: FnOnce() -> C + Send,
-{
+fn polling_never_blocks(transport: &impl Transport) {
     const POLLS: u32 = 100;
     let (done, leg_done) = mpsc::channel();
     run(
-        pair(),
+        transport,
         |mut leg| {
             let start = Instant::now();
             for seq in 0..POLLS {
@@ -286,14 +245,9 @@ where
 }
 
 /// Only middleware may tell a lock-step session not to wait for a reply.
-fn a_plain_link_always_expects_a_reply<L: LegLink, C: ControllerLink, ML, MC>(
-    pair: &impl Fn() -> (ML, MC),
-) where
-    ML: FnOnce() -> L + Send,
-    MC: FnOnce() -> C + Send,
-{
+fn a_plain_link_always_expects_a_reply(transport: &impl Transport) {
     run(
-        pair(),
+        transport,
         |mut leg| {
             assert!(!leg.expects_no_reply());
             leg.send(&sample(0)).expect("send");
@@ -305,117 +259,4 @@ fn a_plain_link_always_expects_a_reply<L: LegLink, C: ControllerLink, ML, MC>(
             controller.send(&reply(&got)).expect("send a command");
         },
     );
-}
-
-use std::os::unix::net::UnixStream;
-use std::sync::Arc;
-
-use leg_host::Domain;
-use leg_host::serial::stream::over_unix;
-use leg_host::serial::{SerialController, SerialLeg};
-use leg_host::shm::{ShmController, ShmLeg};
-use leg_host::{SessionParams, memory};
-use leg_process::Stop;
-use sim_host::faults::stage::message::{
-    Corrupt, Delay, Duplicate, Freeze, FreezeMode, Loss, Reorder,
-};
-use sim_host::faults::stage::{
-    FaultPipeline, FaultPlan, FaultRng, FaultyLink, Window, WireMessage,
-};
-
-#[test]
-fn in_memory_link_conforms() {
-    check(|| {
-        let (leg, controller) = memory::pair();
-        (move || leg, move || controller)
-    });
-}
-
-/// Creates a plan with every fault of messages, none of which acts: by its window or its values.
-fn all_inactive() -> FaultPlan {
-    fn put<M: WireMessage>(pipeline: &mut FaultPipeline<M>) {
-        let later = Window { from: 1 << 40, until: u64::MAX };
-        let rng = || FaultRng::new(1, 2);
-        pipeline.push(0, later, Box::new(Loss::new(1.0, rng())));
-        pipeline.push(1, later, Box::new(Delay::new(3, 4, rng())));
-        pipeline.push(2, later, Box::new(Duplicate::new(1.0, rng())));
-        pipeline.push(3, later, Box::new(Reorder::new(1.0, rng())));
-        pipeline.push(4, later, Box::new(Corrupt::new(1.0, 9, rng())));
-        pipeline.push(5, later, Box::new(Freeze::new(7, 1.0, FreezeMode::Nothing, rng())));
-        pipeline.push(6, Window::ALWAYS, Box::new(Delay::new(0, 0, rng())));
-        pipeline.push(7, Window::ALWAYS, Box::new(Loss::new(0.0, rng())));
-    }
-    let mut plan = FaultPlan::default();
-    put(&mut plan.samples);
-    put(&mut plan.commands);
-    plan
-}
-
-/// The suite over both ends wrapped, without any fault and with idle ones.
-fn check_wrapped<L, C, ML, MC>(pair: impl Fn() -> (ML, MC))
-where
-    L: LegLink,
-    C: ControllerLink,
-    ML: FnOnce() -> L + Send,
-    MC: FnOnce() -> C + Send,
-{
-    for plan in [FaultPlan::default, all_inactive] {
-        check(|| {
-            let (leg, controller) = pair();
-            (
-                move || FaultyLink::at_leg(leg(), plan()),
-                move || FaultyLink::at_controller(controller(), plan()),
-            )
-        });
-    }
-}
-
-fn serial() -> (impl FnOnce() -> SerialLeg + Send, impl FnOnce() -> SerialController + Send) {
-    let (leg, controller) = UnixStream::pair().unwrap();
-    let (leg, controller) = (over_unix(leg).unwrap(), over_unix(controller).unwrap());
-    let pid = std::process::id();
-    (move || SerialLeg::new(leg, pid), move || SerialController::new(controller, pid))
-}
-
-#[test]
-fn serial_link_conforms() {
-    check(serial);
-}
-
-#[test]
-fn every_transport_conforms_behind_fault_injection() {
-    check_wrapped(serial);
-    check_wrapped(|| {
-        let (leg, controller) = memory::pair();
-        (move || leg, move || controller)
-    });
-    let dir = tempfile::tempdir().unwrap();
-    let base = dir.path().join("base");
-    check_wrapped(|| {
-        let domain = || Domain::join_in(&base, "faulty").unwrap();
-        let (params, stop) = (SessionParams::at(1000), Stop::default());
-        let (leg, controller): (Arc<_>, Arc<_>) = (domain(), domain());
-        let stop_too = stop.clone();
-        (
-            move || ShmLeg::connect(&leg, params, LONG, &stop).unwrap(),
-            move || ShmController::connect(&controller, params, LONG, &stop_too).unwrap(),
-        )
-    });
-}
-
-#[test]
-fn shared_memory_link_conforms() {
-    let dir = tempfile::tempdir().unwrap();
-    let base = dir.path().join("base");
-    check(|| {
-        let domain = || Domain::join_in(&base, "conformance").unwrap();
-        let (params, stop) = (SessionParams::at(1000), Stop::default());
-        let (leg, controller): (Arc<_>, Arc<_>) = (domain(), domain());
-        let stop_too = stop.clone();
-        (
-            move || ShmLeg::connect(&leg, params, LONG, &stop).unwrap(),
-            move || ShmController::connect(&controller, params, LONG, &stop_too).unwrap(),
-        )
-    });
-    assert!(!base.exists(), "nothing is left of the domain");
 }

@@ -1,0 +1,87 @@
+//! Why a request to a controller failed.
+
+use std::io;
+use std::time::Duration;
+
+use leg_control::serial::PROTOCOL_VERSION;
+use leg_control::serial::message::{Alarm, RequestError};
+
+/// Why a request failed.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ClientError {
+    /// The stream broke.
+    #[error(
+        "the line to the controller broke: {0}; is the board unplugged, or has the emulator ended?"
+    )]
+    Line(#[from] io::Error),
+    /// Nothing arrived.
+    #[error(
+        "no answer for {:.1} s: {}is the board powered, the baud rate right?",
+        waited.as_secs_f64(),
+        taken_by(others)
+    )]
+    Silent {
+        /// Time waited.
+        waited: Duration,
+        /// Other processes that have the port open.
+        others: Vec<String>,
+    },
+    /// Frames arrived, but none was good.
+    #[error(
+        "only noise has arrived for {:.1} s ({bad} damaged frames): {}is the baud rate right, the \
+         cable good?",
+        waited.as_secs_f64(),
+        taken_by(others)
+    )]
+    Noise {
+        /// Time waited.
+        waited: Duration,
+        /// Other processes that have the port open.
+        others: Vec<String>,
+        /// Damaged frames.
+        bad: u32,
+    },
+    /// The controller uses another protocol version.
+    #[error(
+        "the controller uses protocol version {theirs}, this program {PROTOCOL_VERSION}; flash the \
+         firmware of this release, or use the program of that one"
+    )]
+    ProtocolVersion {
+        /// The version of the controller.
+        theirs: u8,
+    },
+    /// The controller refuses the request.
+    #[error("the controller refuses: {0}")]
+    Refused(RequestError),
+    /// The reply is of another kind than the request.
+    #[error("the controller's reply does not fit the request; build both from the same release")]
+    WrongReply,
+    /// The controller has crashed.
+    #[error("the controller has raised an alarm: {0}")]
+    Alarm(Alarm),
+    /// A signal asked this process to stop.
+    #[error("stopped by a signal")]
+    Stopped,
+}
+
+/// Returns the sentence on other processes that use the same port; empty without any.
+#[must_use]
+pub fn taken_by(others: &[String]) -> String {
+    match others {
+        [] => String::new(),
+        [one] => format!("{one} has the port open, too, and may take the answers; end it; "),
+        more => format!(
+            "{} have the port open, too, and may take the answers; end them; ",
+            more.join(", ")
+        ),
+    }
+}
+
+impl ClientError {
+    /// Returns whether the stream broke, so that another one may work.
+    #[must_use]
+    pub fn is_unplugged(&self) -> bool {
+        matches!(self, Self::Line(_))
+    }
+}
