@@ -16,6 +16,7 @@
 
 use super::ImportError;
 use super::imported::ImportedActor;
+use super::unique_json;
 use crate::net::mlp::Layer;
 use crate::policy::PackedActor;
 use leg_control::actor::{ActionScaling, Observation, ObservationScaling};
@@ -163,7 +164,7 @@ pub fn import(bytes: &[u8]) -> Result<ImportedActor, ImportError> {
 /// # Errors
 /// [`ImportError`] names the key, what was found and what was expected.
 pub fn from_json(text: &str) -> Result<PackedActor, ImportError> {
-    let value: Value = serde_json::from_str(text)?;
+    let value = unique_json::parse(text)?;
     let root = At { key: String::new(), value: Some(&value) };
     root.only(&KEYS)?;
     root.field("observation").names(&OBSERVATION)?;
@@ -285,6 +286,9 @@ mod tests {
             refused(&|v| v["layers"] = json!([1])).starts_with("layers[0]: 1, expected an obj")
         );
         assert!(refused(&|v| v["layers"] = json!([])).starts_with("layers: 0 layers"));
+        let twice = small().to_string().replacen('{', "{\"low\": [0.3, 0.0], ", 1);
+        let error = from_json(&twice).unwrap_err().to_string();
+        assert!(error.starts_with("not JSON: the key \"low\" for the second time"), "{error}");
         assert!(from_json("{").unwrap_err().to_string().starts_with("not JSON"));
     }
 }

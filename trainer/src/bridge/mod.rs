@@ -21,5 +21,6 @@ pub mod model_card;
 pub mod onnx;
 pub mod safetensors;
 mod state_dict;
+mod unique_json;
 
 pub use error::ImportError;

@@ -13,6 +13,8 @@ pub(super) fn read<const N: usize>(
     name: &str,
     columns: [&'static str; N],
 ) -> Result<Vec<Row<N>>, Failure> {
+    // Spreadsheets write a byte order mark.
+    let source = source.strip_prefix(b"\xef\xbb\xbf").unwrap_or(source);
     let mut reader = csv::ReaderBuilder::new().flexible(true).from_reader(source);
     let headers = reader.headers().with_context(|| name.to_owned()).map_err(input)?.clone();
     let all = match columns.split_last() {

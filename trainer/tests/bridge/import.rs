@@ -166,6 +166,11 @@ fn a_check_refuses_an_actor_that_answers_differently() {
     assert!(checked("--check obs.csv").is_err());
     assert!(checked("--check obs.csv --check-tolerance 2e-3").is_err());
     assert!(checked("--check obs.csv --check-tolerance 4e-3").is_ok());
+    // As a spreadsheet writes it.
+    let text = std::fs::read_to_string(place.path().join("obs.csv")).unwrap();
+    place.write("obs.csv", format!("\u{feff}{}\r\n", text.replace('\n', "\r\n")));
+    let error = checked("--check obs.csv").unwrap_err();
+    assert!(error.contains("1 of 1 actions differ") && error.contains("In line 2"), "{error}");
     place.observations(&[]);
     let error = checked("--check obs.csv").unwrap_err();
     assert!(error.contains("--check: obs.csv: no row to compare with"), "{error}");

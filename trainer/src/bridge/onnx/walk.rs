@@ -49,7 +49,7 @@ impl<'a> Walk<'a> {
         graph: &'a Graph,
     ) -> Result<HashMap<&'a str, Edge<'a>>, ImportError> {
         for tensor in &graph.initializer {
-            self.edges.insert(&tensor.name, Edge::Stored(tensor));
+            self.define(&tensor.name, Edge::Stored(tensor))?;
         }
         // Old files list their initializers among the inputs.
         let inputs: Vec<&str> = graph.input.iter().map(|i| i.name.as_str()).collect();
@@ -68,10 +68,18 @@ impl<'a> Walk<'a> {
                 } else {
                     Edge::Other(format!("{}: its output {i} is not an actor's", label(node)).into())
                 };
-                self.edges.insert(output, edge);
+                self.define(output, edge)?;
             }
         }
         Ok(self.edges)
+    }
+
+    /// Gives an edge its value; an output that a node leaves out has no name.
+    fn define(&mut self, name: &'a str, edge: Edge<'a>) -> Result<(), ImportError> {
+        if self.edges.insert(name, edge).is_some() && !name.is_empty() {
+            return Err(ImportError::Graph(format!("{name:?} is given twice")));
+        }
+        Ok(())
     }
 
     /// Evaluates a node and returns its first output.

@@ -12,7 +12,7 @@ const NODES: [&str; 6] = [
     "Gemm:transB=1 b w2 b2 > c",
     "Tanh c > act",
     "Mul act range > wide",
-    "Exp c > deviation",
+    "Exp c > spread",
 ];
 
 /// Reads a graph with these outputs.
@@ -26,30 +26,56 @@ fn read(outputs: &[&str], output: Option<&str>) -> Result<ImportedActor, String>
 
 #[test]
 fn takes_the_first_output_and_names_the_others() {
-    let actor = read(&["act", "deviation", "c"], None).unwrap();
+    let actor = read(&["act", "spread", "c"], None).unwrap();
     let [output] = &actor.assumed[..] else { panic!("{:?}", actor.assumed) };
     assert_eq!(output.about, Subject::Output);
-    assert_eq!(output.text, "output \"act\", not \"deviation\", \"c\"");
-    let actor = read(&["act", "deviation"], Some("act")).unwrap();
+    assert_eq!(output.text, "output \"act\", not \"spread\", \"c\"");
+    let actor = read(&["act", "spread"], Some("act")).unwrap();
     assert!(actor.assumed.is_empty());
-    assert_eq!(actor.taken, ["output \"act\", not \"deviation\""]);
+    assert_eq!(actor.taken, ["output \"act\", not \"spread\""]);
     assert!(read(&["act"], None).unwrap().taken.is_empty());
 }
 
 #[test]
+fn refuses_a_value_that_is_given_twice() {
+    let with = |change: &dyn Fn(&mut Model)| {
+        let mut decoded = Model::decode(model(&NODES, constants()).as_slice()).unwrap();
+        change(&mut decoded);
+        import(&decoded.encode_to_vec(), &OnnxOptions::default()).map_err(|e| e.to_string())
+    };
+    assert!(with(&|_| ()).is_ok());
+    let twice = with(&|m| {
+        let graph = m.graph.as_mut().unwrap();
+        graph.initializer.push(graph.initializer[0].clone());
+    });
+    assert_eq!(twice.unwrap_err(), "\"w1\" is given twice");
+    let twice = with(&|m| {
+        let graph = m.graph.as_mut().unwrap();
+        graph.node.push(graph.node[3].clone());
+    });
+    assert_eq!(twice.unwrap_err(), "\"act\" is given twice");
+    let left_out = with(&|m| {
+        for node in &mut m.graph.as_mut().unwrap().node {
+            node.output.push(String::new());
+        }
+    });
+    assert!(left_out.is_ok());
+}
+
+#[test]
 fn asks_where_the_first_output_is_no_action() {
-    let error = read(&["deviation", "act"], None).unwrap_err();
-    assert!(error.starts_with("output \"deviation\": node Exp"), "{error}");
+    let error = read(&["spread", "act"], None).unwrap_err();
+    assert!(error.starts_with("output \"spread\": node Exp"), "{error}");
     assert!(error.ends_with("; \"act\" could be read, if it is the action"), "{error}");
-    assert!(read(&["deviation", "act"], Some("act")).is_ok());
+    assert!(read(&["spread", "act"], Some("act")).is_ok());
     let error = read(&["act", "wide"], None).unwrap_err();
     assert_eq!(error, "2 outputs are actions, expected one: \"act\", \"wide\"");
     assert_eq!(read(&["act", "wide"], Some("wide")).unwrap().action.unwrap()[0], [2.0; 2]);
     let error = read(&["act", "wide"], Some("action")).unwrap_err();
     assert_eq!(error, "output: \"action\", expected one of act, wide");
-    let error = read(&["deviation", "c"], None).unwrap_err();
+    let error = read(&["spread", "c"], None).unwrap_err();
     assert!(error.contains("; output \"c\": it is a layer before its ReLU"), "{error}");
-    let error = read(&["deviation", "act"], Some("deviation")).unwrap_err();
+    let error = read(&["spread", "act"], Some("spread")).unwrap_err();
     assert!(error.contains("not an operation") && !error.contains("could be read"), "{error}");
     assert_eq!(read(&[], None).unwrap_err(), "it has no output");
 }
