@@ -1,8 +1,8 @@
 //! The `controller` command line.
 //!
-//! It stays for run after run, until a signal ends it; [`commands`] reach it
-//! meanwhile. Exit status 0 when all ended in good order, 2 for what the user
-//! must change (a bad blob, a bad rate), 1 for anything else.
+//! The process serves run after run until a signal ends it; [`commands`] reach it
+//! meanwhile. Exit status 0 means success, 2 bad input or a wrong option, 1 any other
+//! failure.
 
 mod background;
 pub mod commands;
@@ -33,12 +33,12 @@ use leg_process::policy_file::PolicyFileError;
 
 /// Longest timeout that `--timeout` accepts, s.
 const MAX_TIMEOUT_S: f64 = 86_400.0;
-/// How long a peer is waited for by default.
+/// How long to wait for a peer by default.
 const TIMEOUT: Duration = Duration::from_secs(10);
-/// A peer that is not there by then is worth a word.
+/// Time after which a missing peer is reported.
 pub const REPORT_AFTER: Duration = Duration::from_secs(1);
 
-/// What the program is called with: how to run, or a command to a flashed controller.
+/// Arguments of the program: how to run, or a command to a running controller.
 #[derive(Clone, Debug, clap::Args)]
 #[command(args_conflicts_with_subcommands = true)]
 pub struct Call {
@@ -48,7 +48,7 @@ pub struct Call {
     args: Args,
 }
 
-/// What else the program does.
+/// A command in place of a run.
 #[derive(Clone, Debug, clap::Subcommand)]
 enum Command {
     /// Measure the control law on this machine.
@@ -87,7 +87,7 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Where two processes meet, and how long one waits for the other.
+/// Where two processes connect, and how long one waits for the other.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Meeting {
     /// Only processes of the same domain see each other [default: default].
@@ -99,23 +99,23 @@ pub struct Meeting {
 }
 
 impl Meeting {
-    /// The domain to meet in.
+    /// Returns the name of the domain.
     #[must_use]
     pub fn domain(&self) -> &str {
         self.domain.as_deref().unwrap_or(DEFAULT_DOMAIN)
     }
 
-    /// How long to wait.
+    /// Returns how long to wait.
     #[must_use]
     pub fn timeout(&self) -> Duration {
         self.timeout.unwrap_or(TIMEOUT)
     }
 }
 
-/// Reads a waiting time in seconds.
+/// Parses a waiting time in seconds.
 ///
 /// # Errors
-/// A message with the value and its limits.
+/// Returns a message with the limits.
 pub fn parse_timeout(text: &str) -> Result<Duration, String> {
     match text.parse::<f64>() {
         Ok(s) if s > 0.0 && s <= MAX_TIMEOUT_S => Ok(Duration::from_secs_f64(s)),
@@ -123,7 +123,7 @@ pub fn parse_timeout(text: &str) -> Result<Duration, String> {
     }
 }
 
-/// Why the controller did not run to the end.
+/// The controller did not run to the end.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CliError {
@@ -133,28 +133,28 @@ pub enum CliError {
     /// The policy cannot be kept.
     #[error("the policy cannot be run: {0}")]
     Cache(#[from] PolicyCacheError),
-    /// A rate or gravity out of range.
+    /// The rate or the gravity is out of range.
     #[error(transparent)]
     Config(#[from] ConfigError),
     /// A signal handler could not be set.
     #[error("cannot listen to signals: {0}")]
     Signals(io::Error),
-    /// No simulator, or not a fitting one.
+    /// No simulator connected, or one that disagrees.
     #[error(transparent)]
     Connect(#[from] ConnectError),
-    /// The run broke off.
+    /// The run ended early.
     #[error(transparent)]
     Serve(#[from] ServeError),
-    /// The loop in real time broke off.
+    /// The loop in real time ended early.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// Nothing was measured.
+    /// The measurement failed.
     #[error(transparent)]
     Bench(#[from] BenchError),
 }
 
 impl Args {
-    fn pace(&self) -> TimeMode {
+    fn time_mode(&self) -> TimeMode {
         if self.real_time.real_time { TimeMode::RealTime } else { TimeMode::LockStep }
     }
 }
@@ -170,7 +170,7 @@ impl CliError {
         }
     }
 
-    /// Whether the user must change the call, not only call again.
+    /// Returns whether the user must change the arguments.
     fn is_misuse(&self) -> bool {
         matches!(
             self,
@@ -189,24 +189,24 @@ impl From<DomainError> for CliError {
     }
 }
 
-/// What a run came to.
+/// The result of a run.
 #[derive(Clone, Debug)]
 pub struct Summary {
     /// Name of the policy.
     pub policy: String,
-    /// Samples answered.
+    /// Number of samples answered.
     pub ticks: u64,
-    /// Apexes in the last run.
+    /// Number of apexes in the last run.
     pub apexes: u32,
-    /// What the guard rejected in the last run.
+    /// Samples that the guard rejected in the last run.
     pub counts: Counts,
-    /// The figures of the loop, in real time.
+    /// Timing of the loop, in real time.
     pub real_time: Option<LoopReport>,
 }
 
 impl Summary {
-    /// The figures, for a script: those of a [`LoopReport`] in `loop`, and the
-    /// guard's in `rejected`.
+    /// Returns the summary for a script: a [`LoopReport`] in `loop`, the number of samples
+    /// that the guard rejected in `rejected`.
     #[must_use]
     pub fn json(&self) -> serde_json::Value {
         serde_json::json!({
@@ -238,27 +238,26 @@ impl fmt::Display for Summary {
     }
 }
 
-/// What to warn of when a policy was trained for another leg than the one that
-/// is `played`, by its [`fingerprint`](leg_control::leg::LegModel::fingerprint).
+/// Returns the warning about a policy that was trained for another leg than the
+/// `simulated` one, by its [`fingerprint`](leg_control::leg::LegModel::fingerprint).
 #[must_use]
-pub fn other_leg(policy: &Manifest<'_>, played: Option<u32>) -> Option<String> {
+pub fn other_leg(policy: &Manifest<'_>, simulated: Option<u32>) -> Option<String> {
     let Manifest { name, leg, .. } = policy;
-    played.filter(|played| *played != leg.fingerprint()).map(|_| {
+    simulated.filter(|simulated| *simulated != leg.fingerprint()).map(|_| {
         format!(
             "warning: the policy {name} was trained for another leg ({} kg, {} N/m, {} m) than \
-             the simulator plays; it runs all the same, --policy chooses another",
+             the simulator has; it runs all the same, --policy chooses another",
             leg.mass_kg, leg.stiffness_n_m, leg.rest_length_m
         )
     })
 }
 
-/// Writes a line to stderr; ignores an error, as of a closed terminal.
+/// Writes a line to stderr. Ignores an error, for example of a closed terminal.
 fn log(what: impl fmt::Display) {
     let _ = writeln!(io::stderr(), "{}: {what}", Role::Controller);
 }
 
-/// The whole program after its arguments: runs, reports, and gives the exit
-/// status.
+/// Runs the program with these arguments, reports, and returns the exit status.
 #[must_use]
 pub fn main(call: &Call) -> ExitCode {
     leg_process::signals::report_size_limit();

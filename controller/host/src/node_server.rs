@@ -305,7 +305,7 @@ impl NodeServer {
             pid: std::process::id(),
             rate_hz: self.params.rate_hz,
             gravity_m_s2: self.params.gravity_m_s2,
-            pace: self.params.time_mode.unwrap_or(TimeMode::LockStep),
+            time_mode: self.params.time_mode.unwrap_or(TimeMode::LockStep),
             activity: status.run.activity,
             policy: store.describe(self.node.crc32(in_force)),
             since_unix_s: self.since.duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64(),

@@ -59,7 +59,7 @@ pub struct Status {
     /// Gravity, m/s2.
     pub gravity_m_s2: f32,
     /// What sets the time.
-    pub pace: TimeMode,
+    pub time_mode: TimeMode,
     /// What it is doing.
     pub activity: Activity,
     /// The policy in force.

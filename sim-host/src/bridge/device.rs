@@ -89,7 +89,7 @@ impl fmt::Display for Notice {
             Self::OtherLeg(policy) => write!(
                 f,
                 "warning: the policy {policy} was trained for another leg than the simulator \
-                 plays; it runs all the same, `controller policy upload` replaces it"
+                 has; it runs all the same, `controller policy upload` replaces it"
             ),
         }
     }

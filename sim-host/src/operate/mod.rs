@@ -48,12 +48,12 @@ impl Operated {
     pub fn open(
         domain: &str,
         rate_hz: u32,
-        pace: TimeMode,
+        time_mode: TimeMode,
         stop: &Stop,
         timing: Option<LatestReport>,
     ) -> Result<Self, OperateError> {
         let (side, other) = shared::pair();
-        let socket = requests::open(&Domain::join(domain)?, other, rate_hz, pace, timing)?;
+        let socket = requests::open(&Domain::join(domain)?, other, rate_hz, time_mode, timing)?;
         Ok(Self { side, stop: stop.clone(), _socket: socket })
     }
 }

@@ -38,7 +38,7 @@ pub struct LegStatus {
     /// Ticks a second.
     pub rate_hz: u32,
     /// Lock-step or real time.
-    pub pace: TimeMode,
+    pub time_mode: TimeMode,
     /// Whether the run is paused.
     pub is_paused: bool,
     /// The set-point that replaces the scenario's, m/s.
@@ -80,18 +80,18 @@ pub(super) fn open(
     domain: &Arc<Domain>,
     mut side: SocketSide,
     rate_hz: u32,
-    pace: TimeMode,
+    time_mode: TimeMode,
     timing: Option<LatestReport>,
 ) -> Result<JsonSocket, SocketError> {
     JsonSocket::open(domain, Role::Leg, move |request: LegRequest| {
-        apply(&mut side, pace, &request)?;
+        apply(&mut side, time_mode, &request)?;
         let report = timing.as_ref().map(LatestReport::get);
-        Ok(status(side.settings(), side.progress(), rate_hz, pace, report))
+        Ok(status(side.settings(), side.progress(), rate_hz, time_mode, report))
     })
 }
 
 /// Changes the settings as requested, or returns why not.
-fn apply(side: &mut SocketSide, pace: TimeMode, request: &LegRequest) -> Result<(), String> {
+fn apply(side: &mut SocketSide, time_mode: TimeMode, request: &LegRequest) -> Result<(), String> {
     let now = side.settings();
     let new = match *request {
         LegRequest::Status => return Ok(()),
@@ -104,7 +104,7 @@ fn apply(side: &mut SocketSide, pace: TimeMode, request: &LegRequest) -> Result<
             }
             RunSettings { set_point_m_s: m_s, ..now }
         }
-        LegRequest::Pause if pace == TimeMode::RealTime => {
+        LegRequest::Pause if time_mode == TimeMode::RealTime => {
             return Err("a run in real time cannot be paused: its time does not wait".to_owned());
         }
         LegRequest::Pause => RunSettings { is_paused: true, ..now },
@@ -119,7 +119,7 @@ fn status(
     settings: RunSettings,
     progress: RunProgress,
     rate_hz: u32,
-    pace: TimeMode,
+    time_mode: TimeMode,
     timing: Option<LoopReport>,
 ) -> LegStatus {
     let RunProgress {
@@ -139,7 +139,7 @@ fn status(
     LegStatus {
         pid: std::process::id(),
         rate_hz,
-        pace,
+        time_mode,
         is_paused: settings.is_paused,
         ordered_m_s: settings.set_point_m_s,
         run_id,
@@ -166,8 +166,9 @@ mod tests {
     #[test]
     fn requests_are_checked_and_change_the_settings() {
         let (mut loop_side, mut side) = shared::pair();
-        let mut request =
-            |pace, request: LegRequest| apply(&mut side, pace, &request).map(|()| side.settings());
+        let mut request = |time_mode, request: LegRequest| {
+            apply(&mut side, time_mode, &request).map(|()| side.settings())
+        };
         let set_point = |m_s| LegRequest::SetPoint { m_s };
         for bad in [50.5, f64::NAN, f64::NEG_INFINITY] {
             let refused = request(TimeMode::LockStep, set_point(Some(bad))).unwrap_err();

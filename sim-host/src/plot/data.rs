@@ -90,7 +90,7 @@ impl PlotData {
         let config = contents.config()?;
         let mut builder = Builder::new(span);
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let mut title = format!("{name}: {} at {} Hz", config.pace, config.rate_hz);
+        let mut title = format!("{name}: {} at {} Hz", config.time_mode, config.rate_hz);
         builder.configure(config.rate_hz, &config.scenario_toml);
         let mut messages = contents.messages()?;
         while let Some(message) = messages.next_message()? {

@@ -11,9 +11,9 @@ use super::schema::{Config, End, Loop, Policy};
 use crate::scenario::{Scenario, Settings};
 use crate::session::{Ending, Outcome};
 
-/// [`Config::pace`] of a run in lock-step.
+/// [`Config::time_mode`] of a run in lock-step.
 pub const LOCK_STEP: &str = "lock-step";
-/// [`Config::pace`] of a run in real time.
+/// [`Config::time_mode`] of a run in real time.
 pub const REAL_TIME: &str = "real-time";
 
 impl Config {
@@ -33,7 +33,7 @@ impl Config {
             wire_version: WIRE_VERSION.into(),
             rate_hz: scenario.rate_hz,
             gravity_m_s2: scenario.controller_gravity_m_s2(),
-            pace: match time_mode {
+            time_mode: match time_mode {
                 TimeMode::LockStep => LOCK_STEP,
                 TimeMode::RealTime => REAL_TIME,
             }

@@ -44,7 +44,7 @@ pub struct ReplayReport {
     /// The recording.
     pub recording: PathBuf,
     /// `lock-step` or `real-time`.
-    pub pace: String,
+    pub time_mode: String,
     /// The policy replayed; the first one if it was swapped.
     pub policy: String,
     /// Whether another policy than the recorded one was replayed.
@@ -83,7 +83,7 @@ impl ReplayReport {
         let config = contents.config()?;
         Ok(Self {
             recording: path.to_owned(),
-            pace: config.pace.clone(),
+            time_mode: config.time_mode.clone(),
             policy: policy.to_owned(),
             is_other,
             ticks: contents.ticks,
@@ -175,7 +175,7 @@ impl fmt::Display for ReplayReport {
             f,
             "{}: {}, {} ticks; policy {policy}",
             self.recording.display(),
-            self.pace,
+            self.time_mode,
             self.ticks
         )?;
         if self.unanswered > 0 {

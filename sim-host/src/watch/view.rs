@@ -61,8 +61,8 @@ fn headline(scene: &Scene) -> Line<'_> {
     spans.push(presence(scene.players.leg, "leg"));
     spans.push(presence(scene.players.controller, "controller"));
     if let Some(leg) = &scene.leg {
-        spans.push(Span::from(leg.pace.to_string()));
-        if let Some(speed) = scene.speed.filter(|_| leg.pace == TimeMode::LockStep) {
+        spans.push(Span::from(leg.time_mode.to_string()));
+        if let Some(speed) = scene.speed.filter(|_| leg.time_mode == TimeMode::LockStep) {
             spans.push(Span::from(format!(", {speed:.1} times real time")));
         }
         if leg.is_paused {

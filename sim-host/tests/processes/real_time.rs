@@ -49,7 +49,7 @@ fn two_processes_run_in_real_time_and_report_their_loops() {
     controller.assert_ok();
 
     let leg = json(&simulator.out);
-    assert_eq!((&leg["pace"], &leg["ending"]), (&"real-time".into(), &"duration".into()));
+    assert_eq!((&leg["time_mode"], &leg["ending"]), (&"real-time".into(), &"duration".into()));
     assert_eq!((count(&leg, "ticks"), count(&leg, "falls")), (2000, 0));
     assert!(count(&leg, "hops") >= 1, "{leg}");
     assert_adds_up(&leg["loop"], "leg");

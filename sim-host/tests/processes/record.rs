@@ -164,7 +164,7 @@ fn the_recorded_scenario_parses_to_the_same_settings() {
     let scenario = Scenario::from_settings(&settings).unwrap();
     let config = Config::of(&settings, &scenario, TimeMode::RealTime).unwrap();
     assert_eq!(Settings::from_toml(&config.scenario_toml).unwrap(), settings);
-    assert_eq!((config.rate_hz, config.gravity_m_s2, &*config.pace), (500, 1.62, "real-time"));
+    assert_eq!((config.rate_hz, config.gravity_m_s2, &*config.time_mode), (500, 1.62, "real-time"));
 }
 
 #[test]
@@ -349,7 +349,7 @@ fn commands_of_a_replayed_run() -> u64 {
     assert!(of_loop.iter().all(|row| row.seq < 3000 && row.tick_ns > 0));
     let report = replay::replay(&path, None).unwrap();
     assert!(report.equal && report.first_difference.is_none(), "{report}");
-    assert_eq!(report.pace, "real-time");
+    assert_eq!(report.time_mode, "real-time");
     report.compared
 }
 

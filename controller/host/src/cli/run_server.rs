@@ -38,7 +38,7 @@ pub(super) struct RunServer {
 pub(super) fn run(args: &Args, on_summary: impl FnMut(&Summary)) -> Result<(), CliError> {
     let figures = LatestReport::default();
     let server = RunServer::begin(args, &figures)?;
-    match args.pace() {
+    match args.time_mode() {
         TimeMode::LockStep => server.serve_in_lock_step(on_summary),
         TimeMode::RealTime => server.serve_in_real_time(args, figures, on_summary),
     }
@@ -62,12 +62,12 @@ impl RunServer {
 
         let domain = Domain::join(args.meeting.domain())?;
         let params = SessionParams::at(args.rate).with_gravity(args.gravity).with_leg(&leg);
-        let params = params.with_time_mode(args.pace());
+        let params = params.with_time_mode(args.time_mode());
         let link = ShmController::open(&domain, params, &stop)?;
         let monitor = link.monitor();
         let sources = StatusSources {
             peer: Box::new(move || monitor.status()),
-            timing: match args.pace() {
+            timing: match args.time_mode() {
                 TimeMode::LockStep => None,
                 TimeMode::RealTime => Some(figures.clone()),
             },

@@ -83,10 +83,11 @@ pub(super) struct Table<'a>(pub(super) &'a Status);
 impl fmt::Display for Table<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let s = self.0;
-        let pace = if s.pace == TimeMode::RealTime { "in real time" } else { "in lock-step" };
+        let time_mode =
+            if s.time_mode == TimeMode::RealTime { "in real time" } else { "in lock-step" };
         writeln!(
             f,
-            "controller  process {}, {} Hz {pace}, {} m/s2",
+            "controller  process {}, {} Hz {time_mode}, {} m/s2",
             s.pid, s.rate_hz, s.gravity_m_s2
         )?;
         let activity = match s.activity {

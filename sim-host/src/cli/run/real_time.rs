@@ -35,7 +35,7 @@ pub(super) fn main(
     let (Played { ended, outcome, report }, controller) = played?;
     if args.json {
         let mut json = serde_json::to_value(outcome.report())?;
-        json["pace"] = serde_json::to_value(TimeMode::RealTime)?;
+        json["time_mode"] = serde_json::to_value(TimeMode::RealTime)?;
         json["loop"] = serde_json::to_value(report)?;
         json["controller_loop"] = serde_json::to_value(controller)?;
         stdout::print_line(json)?;

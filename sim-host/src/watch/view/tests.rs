@@ -46,7 +46,7 @@ fn status(run_id: u32, t_s: f64, x_m: f64) -> LegStatus {
     LegStatus {
         pid: 1,
         rate_hz: 1000,
-        pace: TimeMode::LockStep,
+        time_mode: TimeMode::LockStep,
         is_paused: true,
         ordered_m_s: None,
         run_id,
@@ -163,10 +163,10 @@ fn late_loop(role: &str) -> LoopReport {
 fn draws_the_lateness_of_loops_in_real_time() {
     let mut scene = hopping(3);
     let mut leg = scene.leg.take().unwrap();
-    (leg.pace, leg.timing) = (TimeMode::RealTime, Some(late_loop("leg")));
+    (leg.time_mode, leg.timing) = (TimeMode::RealTime, Some(late_loop("leg")));
     scene.leg = Some(leg);
     scene.controller = Some(serde_json::from_value(serde_json::json!({
-        "pid": 2, "rate_hz": 1000, "gravity_m_s2": 9.81, "pace": "real-time", "activity": "running",
+        "pid": 2, "rate_hz": 1000, "gravity_m_s2": 9.81, "time_mode": "real-time", "activity": "running",
         "policy": {"name": "robust", "crc32": "13f40f3f", "file": "robust.bin", "provenance": ""},
         "since_unix_s": 0.0, "since": null, "pending": null, "swaps": 0, "last": null,
         "ticks": 0, "apexes": 0,
