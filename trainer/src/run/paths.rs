@@ -22,11 +22,14 @@ fn without_suffix(path: &Path, suffix: &str) -> Option<PathBuf> {
     (!name.is_empty()).then(|| path.with_file_name(OsStr::from_bytes(name)))
 }
 
-/// Returns the name of a policy file or log without folder and ending, whatever other dots
-/// are in it.
+/// Endings of the names of files that this trainer reads.
+const KNOWN: [&str; 5] = [POLICY, LOG, ".safetensors", ".onnx", ".json"];
+
+/// Returns the name of a policy, a log or an actor without folder and ending, whatever other
+/// dots are in it.
 #[must_use]
 pub fn title(path: &Path) -> OsString {
-    let plain = [POLICY, LOG].iter().find_map(|ending| without_suffix(path, ending));
+    let plain = KNOWN.iter().find_map(|ending| without_suffix(path, ending));
     plain.as_deref().unwrap_or(path).file_name().unwrap_or(path.as_os_str()).to_owned()
 }
 
@@ -110,6 +113,7 @@ mod tests {
         }
         assert_eq!(title(Path::new("a/w-lr0.1.csv")), "w-lr0.1");
         assert_eq!(title(Path::new("a/w-lr0.*")), "w-lr0.*");
+        assert_eq!(title(Path::new("a/w-lr0.1.onnx")), "w-lr0.1");
     }
 
     #[test]

@@ -10,6 +10,7 @@ use crate::bridge::ImportError;
 use crate::bridge::imported::{CompleteActor, Subject};
 use crate::evaluate::gains::search;
 use crate::policy::{PackedActor, PolicyInfo, blob, blob_with_manifest};
+use crate::run::paths::title;
 use crate::threads::redraw;
 use anyhow::{Context, anyhow};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -31,7 +32,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.check_activations()?;
     let path = arguments.path();
     let name = |stem: &str| check_name(arguments.name.as_deref().unwrap_or(stem));
-    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let stem = title(path);
+    let stem = stem.to_string_lossy();
     let file = || path.display().to_string();
     let bytes = read(path)?;
     let imported =
