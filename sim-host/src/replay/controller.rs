@@ -249,6 +249,10 @@ fn plausible_subsets(unanswered: &[Sample]) -> Vec<Vec<&Sample>> {
 
 #[cfg(test)]
 mod tests {
+    use leg_control::config::Config;
+    use leg_control::policy::SHIPPED;
+    use leg_control::wire::{Header, WIRE_VERSION, flags};
+
     use super::*;
 
     #[test]
@@ -262,6 +266,54 @@ mod tests {
         assert!(!is_complete && some.len() == 81, "{}", some.len());
         assert!(some.iter().all(|one| one.len() == 6 && one.iter().sum::<u32>() == 40));
         assert_eq!(placements(MAX_EMPTY_TICKS + 1, 3), (vec![], false));
+    }
+
+    /// A sample of a leg that falls from an apex.
+    fn falling(seq: u64) -> Sample {
+        let t_s = seq as f32 * 1e-3;
+        let header = Header {
+            version: WIRE_VERSION,
+            flags: flags::CONTACT_SENSED,
+            run_id: 1,
+            seq,
+            t_ns: seq * 1_000_000,
+        };
+        Sample { header, y_m: 2.0 - 4.905 * t_s * t_s, vy_m_s: -9.81 * t_s, ..Sample::default() }
+    }
+
+    /// The first commands are the safe one and do not show where the tick without a sample was;
+    /// the tick at which the controller leaves the safe state does.
+    #[test]
+    fn follows_a_tick_without_a_sample_wherever_it_was() {
+        let config = Config::at_rate(1000).unwrap();
+        let fresh = || WireController::new(Policy::parse(SHIPPED).unwrap(), config);
+        for ticks in [
+            [None, Some(0), Some(1), Some(2)],
+            [Some(0), None, Some(1), Some(2)],
+            [Some(0), Some(1), None, Some(2)],
+            [Some(0), Some(1), Some(2), None],
+            [Some(0), Some(2), None, None],
+            [None, Some(0), None, Some(2)],
+        ] {
+            let mut recorded = fresh();
+            let mut replayed = ReplayController::new(fresh(), VecDeque::new());
+            // The answers to the first samples were lost.
+            let mut command = Command::default();
+            for tick in ticks {
+                command = recorded.tick(tick.map(falling).as_ref());
+            }
+            let unanswered = vec![falling(0), falling(1)];
+            let first = Answer { sample: falling(2), unanswered, command, gap: None };
+            replayed.follow(&first).unwrap();
+            for seq in 3..50 {
+                let (sample, unanswered) = (falling(seq), Vec::new());
+                let command = recorded.tick(Some(&sample));
+                let answer = Answer { sample, unanswered, command, gap: None };
+                let followed = replayed.follow(&answer);
+                assert!(matches!(followed, Ok(Continuity::Continued)), "{ticks:?}, tick {seq}");
+            }
+            assert!(!recorded.tick(Some(&falling(50))).is_safe(), "it has left the safe state");
+        }
     }
 
     #[test]
