@@ -16,10 +16,10 @@ use crate::server::socket_in;
 use crate::socket::connect;
 use leg_process::Stop;
 
-/// Which controller: the process in a domain (the default), or a board.
+/// Which controller: the one in a domain (the default), or a board.
 #[derive(Clone, Debug, clap::Args)]
 pub struct TargetArgs {
-    /// The process in this domain.
+    /// The process in this domain, or the board of the bridge in it.
     #[command(flatten)]
     meeting: Meeting,
     /// The board on this serial port.
