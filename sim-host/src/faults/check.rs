@@ -26,7 +26,7 @@ const MAX_PLACE_M: f64 = 1e6;
 pub(crate) struct RunParameters {
     pub(crate) seed: u64,
     pub(crate) rate_hz: u32,
-    pub(crate) density_is_told: bool,
+    pub(crate) density_is_measured: bool,
 }
 
 impl Faults {
@@ -221,7 +221,7 @@ impl Checker<'_> {
             Some("y") => &[Reading::Y],
             Some("vy") => &[Reading::Vy],
             Some("leg-length") => &[Reading::LegLength],
-            Some("density") if self.run.density_is_told => &[Reading::Density],
+            Some("density") if self.run.density_is_measured => &[Reading::Density],
             Some("density") => {
                 let what = "this run has no density sensor; density = \"measured\" adds one";
                 return Err(self.bad("field", "density", what));

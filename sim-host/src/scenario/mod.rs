@@ -177,8 +177,8 @@ impl Scenario {
 
         let seed = s.seed.unwrap_or(0);
         let density_sense = s.density.unwrap_or_default();
-        let density_is_told = density_sense == DensitySense::Measured;
-        let run = faults::RunParameters { seed, rate_hz, density_is_told };
+        let density_is_measured = density_sense == DensitySense::Measured;
+        let run = faults::RunParameters { seed, rate_hz, density_is_measured };
         let faults = Faults::check(&s.faults, &run)
             .map_err(|cause| BadValue { key: "fault", what: cause.to_string() })?;
         let mut start = start(&s.start, seed, &leg, &guard)?;

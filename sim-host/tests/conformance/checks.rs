@@ -244,7 +244,7 @@ fn polling_never_blocks(transport: &impl Transport) {
     );
 }
 
-/// Only middleware may tell a lock-step session not to wait for a reply.
+/// Only fault injection may make a lock-step session not wait for a reply.
 fn a_plain_link_always_expects_a_reply(transport: &impl Transport) {
     run(
         transport,

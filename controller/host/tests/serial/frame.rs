@@ -118,7 +118,7 @@ proptest! {
 }
 
 #[test]
-fn no_byte_changed_makes_another_message() {
+fn a_changed_byte_never_decodes_to_another_message() {
     let frame = sample_frame();
     for at in 0..frame.len() {
         for value in 0..=u8::MAX {
@@ -139,7 +139,7 @@ fn no_byte_changed_makes_another_message() {
 }
 
 #[test]
-fn a_frame_cut_off_anywhere_is_dropped_and_the_next_one_taken() {
+fn drops_a_frame_that_is_cut_off_and_accepts_the_next_one() {
     let frame = sample_frame();
     for len in 0..frame.len() - 1 {
         let mut receiver = Receiver::new();
@@ -151,7 +151,7 @@ fn a_frame_cut_off_anywhere_is_dropped_and_the_next_one_taken() {
 }
 
 #[test]
-fn the_longest_frame_passes_and_one_byte_more_is_oversize() {
+fn accepts_the_longest_frame_and_counts_a_longer_one_as_oversize() {
     let mut receiver = Receiver::new();
     let frame = raw_frame(PROTOCOL_VERSION, &[7; MAX_PAYLOAD]);
     assert_eq!(frame.len(), MAX_FRAME);
@@ -163,7 +163,7 @@ fn the_longest_frame_passes_and_one_byte_more_is_oversize() {
 }
 
 #[test]
-fn a_flood_is_one_oversize_frame_however_long() {
+fn a_stream_without_borders_counts_as_one_oversize_frame() {
     for byte in [0xff, 1, 0x55] {
         let mut receiver = Receiver::new();
         for _ in 0..1_000_000 {
@@ -176,7 +176,7 @@ fn a_flood_is_one_oversize_frame_however_long() {
 }
 
 #[test]
-fn another_version_is_told_from_damage() {
+fn distinguishes_another_version_from_damage() {
     let mut receiver = Receiver::new();
     let frame = raw_frame(PROTOCOL_VERSION + 1, &[1, 2, 3]);
     let got = frame.iter().find_map(|&byte| receiver.push(byte).map(|r| r.map(|_| ())));
@@ -187,7 +187,7 @@ fn another_version_is_told_from_damage() {
 
 /// That what goes over the line is what postcard itself makes of it, and reads.
 #[test]
-fn a_payload_is_what_postcard_makes_of_the_message() {
+fn a_payload_is_the_message_encoded_by_postcard() {
     let (to_controller, to_host) = examples();
     let mut buffer = [0; 256];
     for message in to_controller {
@@ -203,7 +203,7 @@ fn a_payload_is_what_postcard_makes_of_the_message() {
 }
 
 #[test]
-fn every_message_fits_a_frame_and_comes_back_the_same() {
+fn every_message_fits_a_frame_and_decodes_to_itself() {
     let (to_controller, to_host) = examples();
     for message in to_controller {
         let payload = payloads(&mut Receiver::new(), &frame_of(&message)).remove(0);
@@ -216,7 +216,7 @@ fn every_message_fits_a_frame_and_comes_back_the_same() {
 }
 
 #[test]
-fn what_follows_a_message_makes_it_unknown() {
+fn a_message_with_trailing_bytes_is_unknown() {
     let message = ToController::Request { id: 1, request: Request::Identify };
     let mut payload = payloads(&mut Receiver::new(), &frame_of(&message)).remove(0);
     assert_eq!(decode(&payload), Ok(message));
@@ -225,7 +225,7 @@ fn what_follows_a_message_makes_it_unknown() {
 }
 
 #[test]
-fn a_message_too_long_is_refused() {
+fn refuses_a_message_that_is_too_long() {
     assert_eq!(encode(&[1.0_f32; 32], &mut [0; MAX_FRAME]).map(<[u8]>::len), Ok(128 + 8));
     let too_long = "x".repeat(MAX_PAYLOAD);
     assert_eq!(encode(&too_long, &mut [0; MAX_FRAME]), Err(TooLongError));

@@ -15,7 +15,7 @@ use leg_control::wire::WIRE_VERSION;
 use leg_host::flash::{LockedNode, MemoryFlash};
 
 #[test]
-fn a_policy_uploaded_flies_from_the_next_apex_and_after_a_power_up() {
+fn an_uploaded_policy_runs_from_the_next_apex_on_and_after_a_power_up() {
     let (old, new) = (small_blob("old"), small_blob("new"));
     let mut rig = Rig::power_up(factory(&old));
     assert_eq!((rig.alarm, rig.name()), (None, "old"));
@@ -127,7 +127,7 @@ fn a_hundred_uploads_and_swaps_while_hopping_miss_no_tick() {
 }
 
 #[test]
-fn a_request_said_again_is_answered_again_and_not_done_again() {
+fn a_repeated_request_is_answered_again_and_executed_once() {
     let (old, new) = (small_blob("old"), small_blob("new"));
     let mut rig = Rig::power_up(factory(&old));
     let begin = Request::Begin { length: new.len() as u32, crc32: crc32_of(&new), origin: "" };
@@ -158,7 +158,7 @@ fn a_request_said_again_is_answered_again_and_not_done_again() {
 }
 
 #[test]
-fn what_cannot_be_is_refused_with_the_limit() {
+fn refuses_values_out_of_range_with_the_limit() {
     let mut rig = Rig::power_up(factory(&small_blob("old")));
     let reset = |rate_hz, gravity_m_s2| Request::Reset { session: 2, rate_hz, gravity_m_s2 };
     assert_eq!(rig.order(&reset(49, 9.81)), Err(RequestError::Rate { least: 50, most: 20_000 }));
@@ -186,7 +186,7 @@ fn what_cannot_be_is_refused_with_the_limit() {
 }
 
 #[test]
-fn a_whole_policy_that_is_not_the_one_announced_is_refused() {
+fn refuses_a_valid_policy_that_is_not_the_announced_one() {
     let (old, new) = (small_blob("old"), small_blob("new"));
     let mut rig = Rig::power_up(factory(&old));
     rig.order(&Request::Begin { length: new.len() as u32, crc32: 1, origin: "" }).unwrap();
@@ -198,7 +198,7 @@ fn a_whole_policy_that_is_not_the_one_announced_is_refused() {
 }
 
 #[test]
-fn without_a_policy_the_alarm_says_why_and_an_upload_flies_at_once() {
+fn without_a_policy_the_alarm_names_the_cause_and_an_upload_runs_at_once() {
     let blob = small_blob("only");
     let mut spoilt = blob.clone();
     spoilt[100] ^= 1;
@@ -215,7 +215,7 @@ fn without_a_policy_the_alarm_says_why_and_an_upload_flies_at_once() {
 }
 
 #[test]
-fn of_two_factory_policies_a_runs_and_a_roll_back_runs_b() {
+fn of_two_policies_at_power_up_a_runs_and_a_roll_back_runs_b() {
     let [a, b] = ["a", "b"].map(small_blob);
     let mut rig = Rig::power_up(factory(&a).loaded(Slot::B, &b));
     assert_eq!(rig.name(), "a");
@@ -225,7 +225,7 @@ fn of_two_factory_policies_a_runs_and_a_roll_back_runs_b() {
 }
 
 #[test]
-fn memory_that_starts_as_zeros_serves_as_erased() {
+fn flash_full_of_zeros_counts_as_erased() {
     let mut image = vec![0; 2048];
     let blob = small_blob("zeros");
     image[..blob.len()].copy_from_slice(&blob);
@@ -274,7 +274,7 @@ impl MappedFlash for Stalling {
 }
 
 #[test]
-fn an_erase_that_stalls_is_refused_to_a_live_leg() {
+fn refuses_an_erase_that_stalls_in_live_mode() {
     let blob = small_blob("old");
     let mut rig = Rig::power_up(Stalling(factory(&blob)));
     rig.order(&Request::SetMode(Mode::Live)).unwrap();
@@ -284,7 +284,7 @@ fn an_erase_that_stalls_is_refused_to_a_live_leg() {
 }
 
 #[test]
-fn a_reset_says_who_is_expected_and_a_reconnecting_host_can_ask() {
+fn a_reset_sets_the_session_that_a_reconnecting_host_can_read() {
     let mut rig = Rig::power_up(factory(&small_blob("old")));
     let Reply::Identity(before) = rig.ask(&Request::Identify) else { panic!() };
     assert_eq!((before.session, before.mode, before.board), (None, Mode::Idle, "rig"));
@@ -299,7 +299,7 @@ fn a_reset_says_who_is_expected_and_a_reconnecting_host_can_ask() {
 }
 
 #[test]
-fn names_are_cut_at_a_character() {
+fn cuts_long_names_between_characters() {
     assert_eq!(cut("short"), "short");
     let long = "\u{1f9bf}".repeat(20);
     assert_eq!(cut(&long).len(), MAX_NAME);
@@ -315,7 +315,7 @@ fn endpoint() -> (Endpoint, RequestHandler<FlashSlots<MemoryFlash>>, Option<Alar
 }
 
 #[test]
-fn an_endpoint_answers_bytes_by_frames() {
+fn an_endpoint_answers_the_bytes_of_a_request_with_a_frame() {
     let (mut endpoint, mut handler, alarm, node) = endpoint();
     let mut frame = [0; MAX_FRAME];
     let mut receiver = Receiver::new();
@@ -349,7 +349,7 @@ fn an_endpoint_answers_bytes_by_frames() {
 }
 
 #[test]
-fn a_board_refuses_what_only_a_process_has() {
+fn a_board_refuses_the_requests_that_only_a_process_implements() {
     let mut rig = Rig::power_up(factory(&small_blob("old")));
     let unsupported = Reply::Refused(RequestError::Unsupported);
     assert_eq!(rig.ask(&Request::Report { offset: 0 }), unsupported);

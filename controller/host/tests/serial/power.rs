@@ -113,7 +113,7 @@ fn second_generation() -> MemoryFlash {
 }
 
 #[test]
-fn power_cut_between_any_two_operations_of_an_upload_leaves_a_policy_to_run() {
+fn a_power_cut_between_any_two_operations_of_an_upload_leaves_a_valid_policy() {
     let new = small_blob("third");
     for half_erase in [HalfErase::Nothing, HalfErase::Blob, HalfErase::Seal] {
         for operations in 0.. {
@@ -158,7 +158,7 @@ fn a_policy_rolled_back_does_not_return_when_its_erase_is_cut_short() {
 }
 
 #[test]
-fn power_cut_around_a_roll_back_leaves_the_one_or_the_other() {
+fn a_power_cut_during_a_roll_back_leaves_one_of_the_two_policies() {
     for operations in 0..=1 {
         let flash = Failing::new(second_generation(), operations, HalfErase::Nothing);
         let mut rig = Rig::power_up(flash);
@@ -170,7 +170,7 @@ fn power_cut_around_a_roll_back_leaves_the_one_or_the_other() {
 }
 
 #[test]
-fn flash_that_fails_ends_the_upload_and_nothing_else() {
+fn a_flash_failure_ends_only_the_upload() {
     let new = small_blob("third");
     let flash = Failing::new(second_generation(), 40, HalfErase::Nothing);
     let mut rig = Rig::power_up(flash);

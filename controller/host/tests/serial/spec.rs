@@ -360,13 +360,13 @@ fn versions() -> Vec<(u32, String)> {
 }
 
 #[test]
-fn the_specification_is_of_this_version_and_these_bytes() {
+fn the_specification_has_this_version_and_these_bytes() {
     let versions = versions();
     let numbers: Vec<u32> = versions.iter().map(|(number, _)| *number).collect();
     let expected: Vec<u32> = (1..=u32::from(PROTOCOL_VERSION)).collect();
     assert_eq!(numbers, expected, "PROTOCOL.md: one row for each version, oldest first");
     let stated = format!("Version {PROTOCOL_VERSION}.");
-    assert!(SPEC.contains(&stated), "PROTOCOL.md does not say \"{stated}\"");
+    assert!(SPEC.contains(&stated), "PROTOCOL.md does not contain \"{stated}\"");
     let found = format!("{:08x}", fingerprint());
     assert_eq!(
         versions.last().unwrap().1,
@@ -377,7 +377,7 @@ fn the_specification_is_of_this_version_and_these_bytes() {
 }
 
 #[test]
-fn the_worked_example_is_what_is_sent() {
+fn the_worked_example_equals_the_bytes_sent() {
     let hex =
         |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect::<Vec<_>>().join(" ");
     let frame = hex(&worked_example());
@@ -400,6 +400,6 @@ fn every_name_of_the_messages_is_in_the_specification() {
         !values.contains(word) && ![NAME, OTHER, ORIGIN].iter().any(|text| text.contains(word))
     });
     for name in names {
-        assert!(SPEC.contains(name), "PROTOCOL.md does not say what {name} is");
+        assert!(SPEC.contains(name), "PROTOCOL.md does not describe {name}");
     }
 }
