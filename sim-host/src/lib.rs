@@ -1,6 +1,8 @@
 //! Simulates the spring-legged hopper for a controller: scenarios, sessions in
 //! lock-step and in real time, faults, recordings, a live view, and the bridge to a
 //! flashed controller. The README of the package describes the program.
+// `println!` and `eprintln!` panic when the output is on a full disk; see `leg_process`.
+#![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
 pub mod bench;
 pub mod bridge;

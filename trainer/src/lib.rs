@@ -1,4 +1,6 @@
 #![doc = include_str!("../README.md")]
+// `println!` and `eprintln!` panic when the output is on a full disk; see `leg_process`.
+#![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 // Code that is generic over the instruction set must be inlined into the function that is
 // compiled for it, else it uses the baseline.
 #![allow(clippy::inline_always, reason = "see `simd`")]

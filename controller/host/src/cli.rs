@@ -30,6 +30,7 @@ use leg_control::config::ConfigError;
 use leg_control::guard::Counts;
 use leg_control::policy::Manifest;
 use leg_process::policy_file::PolicyFileError;
+use leg_process::stderr;
 
 /// Longest timeout that `--timeout` accepts, s.
 const MAX_TIMEOUT_S: f64 = 86_400.0;
@@ -252,9 +253,9 @@ pub fn other_leg(policy: &Manifest<'_>, simulated: Option<u32>) -> Option<String
     })
 }
 
-/// Writes a line to stderr. Ignores an error, for example of a closed terminal.
-fn log(what: impl fmt::Display) {
-    let _ = writeln!(io::stderr(), "{}: {what}", Role::Controller);
+/// Prints a message of the controller on the standard error.
+fn log(message: impl fmt::Display) {
+    stderr::print_line(format_args!("{}: {message}", Role::Controller));
 }
 
 /// Runs the program with these arguments, reports, and returns the exit status.

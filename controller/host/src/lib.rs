@@ -14,6 +14,8 @@
 //!    control node. [`json_socket`]: JSON requests to the simulator.
 //!
 //! All transports pass the conformance suite in `sim-host/tests/conformance.rs`.
+// `println!` and `eprintln!` panic when the output is on a full disk; see `leg_process`.
+#![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
 pub mod bench;
 pub mod cli;

@@ -9,8 +9,8 @@ use leg_host::discovery::DomainError;
 use leg_host::serial::stream::EndpointArgs;
 use leg_host::serial::{ByteStream, Noisy, OpenError};
 use leg_host::shm::ConnectError;
-use leg_process::Stop;
 use leg_process::stdout;
+use leg_process::{Stop, stderr};
 
 use leg_control::serial::message::Mode;
 
@@ -87,7 +87,8 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         share: args.share.clone(),
     };
     let stop = Stop::on_signals()?;
-    let on_notice = |notice: &bridge::Notice| eprintln!("sim-host: {notice}");
+    let on_notice =
+        |notice: &bridge::Notice| stderr::print_line(format_args!("sim-host: {notice}"));
     let report =
         bridge::run(&options, connect(args), Box::new(on_notice), &stop).map_err(|error| {
             if matches!(error, BridgeError::Connect(ConnectError::Domain(DomainError::Name(_)))) {

@@ -17,6 +17,7 @@ mod run;
 mod shore;
 mod watch;
 
+use leg_process::stderr;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -76,7 +77,7 @@ pub fn main() -> ExitCode {
     let outcome =
         if faults::is_requested() { faults::main() } else { run_command(&Program::parse()) };
     outcome.unwrap_or_else(|error| {
-        eprintln!("sim-host: {}", hint::with_hint(&error));
+        stderr::print_line(format_args!("sim-host: {}", hint::with_hint(&error)));
         ExitCode::from(if error.is::<Misuse>() { 2 } else { 1 })
     })
 }

@@ -7,7 +7,7 @@ use anyhow::Context;
 
 use super::{hint, misuse};
 use crate::plot::{PlotData, picture};
-use leg_process::atomic_file;
+use leg_process::{atomic_file, stderr};
 
 /// Plots a recording over time: height, velocity at each apex and set-point,
 /// density, commands, events, and where a safe command was in force.
@@ -47,7 +47,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         )));
     }
     if let Some(warning) = &data.warning {
-        eprintln!("sim-host: warning: {warning}");
+        stderr::print_line(format_args!("sim-host: warning: {warning}"));
     }
     let svg = picture::draw(&data)
         .map_err(|cause| anyhow::anyhow!("cannot draw the picture: {cause}"))?;

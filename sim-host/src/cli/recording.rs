@@ -1,5 +1,6 @@
 //! The option `--record`: a recording beside a run, or none.
 
+use leg_process::stderr;
 use std::path::Path;
 
 use leg_control::policy::Policy;
@@ -89,11 +90,11 @@ impl Recording {
         };
         let summary = recorder.finish(end)?;
         if summary.dropped > 0 {
-            eprintln!(
+            stderr::print_line(format_args!(
                 "sim-host: warning: {} ticks and events are missing from the recording, because \
                  its buffer was full; the machine may be too busy",
                 summary.dropped
-            );
+            ));
         }
         Ok(())
     }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use leg_process::policy_file::PolicyFile;
-use leg_process::stdout;
+use leg_process::{stderr, stdout};
 
 use super::{hint, misuse};
 use crate::replay::{self, ReplayError};
@@ -29,7 +29,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let report =
         replay::replay(&args.recording, other.as_ref()).map_err(|error| with_hint(&error))?;
     for warning in &report.warnings {
-        eprintln!("sim-host: warning: {warning}");
+        stderr::print_line(format_args!("sim-host: warning: {warning}"));
     }
     if args.json {
         stdout::print_line(serde_json::to_string(&report)?)?;

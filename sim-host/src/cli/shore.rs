@@ -8,8 +8,8 @@ use std::time::Duration;
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use leg_host::TimeMode;
-use leg_process::Stop;
 use leg_process::stdout;
+use leg_process::{Stop, stderr};
 
 use super::checked_policy;
 use super::recording::Recording;
@@ -93,7 +93,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         }
     }
     if report.falls > 0 {
-        eprintln!("sim-host: the leg fell at x = {:.2} m", outcome.body.x_m);
+        stderr::print_line(format_args!("sim-host: the leg fell at x = {:.2} m", outcome.body.x_m));
     }
     recorded?;
     drawn?;

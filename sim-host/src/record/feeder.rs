@@ -1,5 +1,6 @@
 //! The thread between the ring and the writer process.
 
+use leg_process::stderr;
 use std::io;
 use std::process::{ChildStdin, ChildStdout};
 use std::sync::Arc;
@@ -158,7 +159,10 @@ impl Writer {
                     Err(_) => LostWriter { cause: error.to_string(), is_stopped: false },
                 },
             };
-            eprintln!("sim-host: warning: the run continues without its recording: {}", lost.cause);
+            stderr::print_line(format_args!(
+                "sim-host: warning: the run continues without its recording: {}",
+                lost.cause
+            ));
             self.lost = Some(lost);
         }
         frames.clear();

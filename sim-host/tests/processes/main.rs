@@ -45,6 +45,22 @@ fn a_closed_output_pipe_is_success_and_a_full_disk_a_failure() {
 }
 
 #[test]
+fn messages_on_a_full_disk_do_not_end_a_run() {
+    let full = || fs::File::options().write(true).open("/dev/full").unwrap();
+    let place = Place::new();
+    let run = |arguments: &[&str]| {
+        let mut program = Command::new(place::PROGRAM);
+        program.args(arguments).current_dir(place.file("")).stdin(Stdio::null());
+        program.stdout(Stdio::null()).stderr(full()).status().unwrap().code()
+    };
+    // A message while it waits, and an error, of each program.
+    assert_eq!(run(&["run", "--domain", place.domain(), "--timeout", "1.3"]), Some(1));
+    let controller = ["controller", "--once", "--domain", place.domain(), "--timeout", "1.3"];
+    assert_eq!(run(&controller), Some(1));
+    place.assert_clean();
+}
+
+#[test]
 fn a_run_has_the_same_hash_with_any_controller() {
     let place = Place::new();
     let spawned = place.alone(&[&["--spawn"], &SHORT[..]].concat()).end();

@@ -5,6 +5,8 @@
 //! A figure is computed in steps. The result of each step is cached on disk under a hash
 //! of its inputs, so that an interrupted run resumes and an unchanged figure costs
 //! nothing. Results do not depend on the number of threads.
+// `println!` and `eprintln!` panic when the output is on a full disk; see `leg_process`.
+#![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
 mod agents;
 mod analysis;

@@ -19,9 +19,9 @@ use crate::serial::{Client, ClientError, DeviceIdentity, VirtualBoard};
 use crate::socket::{SocketError, SocketFile};
 use crate::status::Status;
 use leg_control::serial::message::{Activity, Request, RequestError, Slot};
-use leg_process::Stop;
 use leg_process::policy_file::{PolicyFile, PolicyFileError};
 use leg_process::stdout;
+use leg_process::{Stop, stderr};
 
 /// Time between two checks whether a swap is in force.
 const LOOK: Duration = Duration::from_millis(10);
@@ -171,7 +171,11 @@ pub fn main(command: &Command) -> ExitCode {
                 }
                 _ => None,
             };
-            eprintln!("{}: {}", Role::Controller, hint::with_hint(&error, hint));
+            stderr::print_line(format_args!(
+                "{}: {}",
+                Role::Controller,
+                hint::with_hint(&error, hint)
+            ));
             ExitCode::from(if error.is_misuse() { 2 } else { 1 })
         }
     }
@@ -347,7 +351,10 @@ fn virtual_board(args: &VirtualBoardArgs, stop: &Stop) -> Result<(), CommandErro
     }
     let (_file, listener) = SocketFile::bind(&args.unix)?;
     let mut board = VirtualBoard::power_up(flash);
-    eprintln!("a virtual board behind {}; end it by Ctrl-C", args.unix.display());
+    stderr::print_line(format_args!(
+        "a virtual board behind {}; end it by Ctrl-C",
+        args.unix.display()
+    ));
     board
         .listen(&listener, || !stop.is_raised())
         .map_err(|cause| CommandError::System("listen", cause))
@@ -358,13 +365,16 @@ fn print(target: &TargetArgs, json: &Value, text: &str) -> Result<(), CommandErr
     printed.map_err(|cause| CommandError::System("print the result", cause))
 }
 
+/// Shows the progress of an upload on the standard error, in place of the last one.
 fn show(progress: Progress) {
-    match progress {
-        Progress::Sent(sent, all) => eprint!("\r{sent} of {all} bytes"),
-        Progress::Checking => eprint!("\r\x1b[Kchecking"),
-        Progress::Committed => eprint!("\r\x1b[Kwaiting for the apex\r\x1b[K"),
-    }
-    let _ = io::stderr().flush();
+    let mut to = io::stderr();
+    // An error, for example of a closed terminal, is ignored.
+    let _ = match progress {
+        Progress::Sent(sent, all) => write!(to, "\r{sent} of {all} bytes"),
+        Progress::Checking => write!(to, "\r\x1b[Kchecking"),
+        Progress::Committed => write!(to, "\r\x1b[Kwaiting for the apex\r\x1b[K"),
+    };
+    let _ = to.flush();
 }
 
 fn swapped(after: Option<Duration>) -> String {

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use leg_process::Stop;
+use leg_process::{Stop, stderr};
 use rtrb::{Consumer, Producer, RingBuffer};
 
 use super::clock::{Clock, MonotonicClock};
@@ -209,7 +209,7 @@ pub fn run<T: Task>(
             })
             .expect("a thread");
         if let Some(warning) = privileges.acquire() {
-            eprintln!("{role}: {warning}");
+            stderr::print_line(format_args!("{role}: {warning}"));
         }
         let ended = run_ticks(&clock, schedule, task, &mut stats, stop);
         drop(set_over);

@@ -11,8 +11,8 @@ use leg_host::realtime::{LatestReport, LoopReport};
 use leg_host::reconnect::LinkEvent;
 use leg_host::shm::ConnectError;
 use leg_host::{SessionParams, TimeMode};
-use leg_process::Stop;
 use leg_process::stdout;
+use leg_process::{Stop, stderr};
 
 use super::super::recording::Recording;
 use super::super::{checked_policy, misuse};
@@ -36,7 +36,7 @@ pub(super) fn controller_config(scenario: &Scenario) -> anyhow::Result<Config> {
 pub(super) fn warn_of_other_leg(policy: &Policy<'_>, scenario: &Scenario) {
     let leg = scenario.leg_model().fingerprint();
     if let Some(warning) = other_leg(policy.manifest(), Some(leg)) {
-        eprintln!("sim-host: {warning}");
+        stderr::print_line(format_args!("sim-host: {warning}"));
     }
 }
 
@@ -51,7 +51,9 @@ pub(super) fn operated(
 ) -> Option<Operated> {
     Operated::open(domain, rate_hz, time_mode, stop, timing)
         .inspect_err(|error| {
-            eprintln!("sim-host: warning: this run cannot be operated from `watch`: {error}");
+            stderr::print_line(format_args!(
+                "sim-host: warning: this run cannot be operated from `watch`: {error}"
+            ));
         })
         .ok()
 }
@@ -96,11 +98,16 @@ fn printer(spawned: bool) -> impl FnMut(SessionEvent<'_>) {
         SessionEvent::Missing(missing) => {
             if !(printed || spawned) && missing.waited >= REPORT_AFTER {
                 printed = true;
-                eprintln!("sim-host: {missing}; {}; still waiting", hint::missing_peer(missing));
+                stderr::print_line(format_args!(
+                    "sim-host: {missing}; {}; still waiting",
+                    hint::missing_peer(missing)
+                ));
             }
         }
         SessionEvent::Peer(LinkEvent::Lost { .. }) if spawned => (),
-        SessionEvent::Peer(event) => eprintln!("sim-host: {}", hint::link_event(event)),
+        SessionEvent::Peer(event) => {
+            stderr::print_line(format_args!("sim-host: {}", hint::link_event(event)));
+        }
     }
 }
 
@@ -136,15 +143,15 @@ pub(super) fn print_summary(outcome: &Outcome) -> io::Result<()> {
 /// Prints warnings about the outcome and returns the exit status.
 pub(super) fn exit_status(outcome: &Outcome) -> ExitCode {
     if outcome.all_safe() {
-        eprintln!(
+        stderr::print_line(format_args!(
             "sim-host: warning: the controller never left its safe state: all {} ticks were under \
              its safe command and {} samples were rejected; the actor acts only after samples \
              within the guard's limits and an apex from which the leg falls",
             outcome.ticks, outcome.rejected
-        );
+        ));
     }
     if outcome.ending == Ending::Fall {
-        eprintln!("sim-host: the leg fell at x = {:.2} m", outcome.body.x_m);
+        stderr::print_line(format_args!("sim-host: the leg fell at x = {:.2} m", outcome.body.x_m));
         return ExitCode::from(1);
     }
     ExitCode::SUCCESS

@@ -8,8 +8,8 @@ use leg_host::realtime::LoopOptions;
 use leg_host::realtime::args::RealTimeArgs;
 use leg_host::realtime::{self, Direct, ExitOn, LatestReport, LoopReport};
 use leg_host::{Role, TimeMode, memory};
-use leg_process::Stop;
 use leg_process::stdout;
+use leg_process::{Stop, stderr};
 
 use super::super::recording::Recording;
 use super::super::{checked_policy, misuse};
@@ -74,7 +74,7 @@ fn two_processes(
         let mut link = connected.link;
         let (_, supervise) = realtime::supervise_peer(&link, stop, None, |event| {
             if let Some(message) = peer_event(event) {
-                eprintln!("sim-host: {message}");
+                stderr::print_line(format_args!("sim-host: {message}"));
             }
         });
         let shared = LatestReport::default();
