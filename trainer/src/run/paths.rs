@@ -73,7 +73,7 @@ pub(super) fn hint(log: &Path, out: &Path) -> PathBuf {
     up.chain(to.components().skip(common)).collect::<PathBuf>().join(name)
 }
 
-/// Returns where the log of the checkpoint beside `out` may be, given its [`hint`]. Files
+/// Returns where the log of the checkpoint beside `out` may be, given its hint. Files
 /// beside the checkpoint come first, so that a copied folder is complete in itself.
 #[must_use]
 pub fn log_candidates(out: &Path, hint: &Path) -> Vec<PathBuf> {
