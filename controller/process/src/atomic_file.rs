@@ -183,7 +183,7 @@ pub fn write(path: &Path, content: &[u8]) -> io::Result<()> {
     file.finish()
 }
 
-/// Checks what can be known about whether [`write`] to `path` will succeed, and leaves
+/// Checks what can be known about whether [`write()`] to `path` will succeed, and leaves
 /// nothing behind.
 ///
 /// # Errors
