@@ -112,8 +112,8 @@ fn rejects_invalid_options_with_status_2() {
     let controller = |arguments: &[&str]| place.start("controller", arguments).end();
     let upload = ["policy", "upload", text(&bad), "--unix", "nowhere"];
     controller(&upload).assert(2, &["bad.bin is not a valid policy"]);
-    controller(&["identify"])
-        .assert(1, &["no controller is running in domain `default`", "--serial"]);
+    controller(&["identify", "--domain", place.domain()])
+        .assert(1, &["no controller is running in domain `test-", "--serial"]);
     controller(&["identify", "--unix", "nowhere"]).assert(1, &["no process listens there"]);
     controller(&["--rate", "500", "identify", "--unix", "nowhere"])
         .assert(2, &["identify", "--rate"]);

@@ -91,7 +91,10 @@ fn ends_in_time_and_names_the_other_program_that_reads_the_port() {
     let place = Place::new();
     let shared = Shared::start(&place);
     let port = place.file("tty");
-    let start = || place.start("bridge", &["--serial", text(&port), "--timeout", "1"]);
+    let start = || {
+        let own = ["--domain", place.domain(), "--timeout", "1"];
+        place.start("bridge", &[&["--serial", text(&port)], &own[..]].concat())
+    };
     let named = format!("cat (process {}) has the port open, too", shared.cat.id());
     start().end().assert(1, &[named]);
     let mut bridge = start();
