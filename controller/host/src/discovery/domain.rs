@@ -367,10 +367,12 @@ impl Drop for Domain {
 /// Creates a folder that only its owner may enter, or checks that this user owns it.
 fn make_private(path: &Path) -> Result<(), DomainError> {
     match DirBuilder::new().mode(0o700).recursive(true).create(path) {
-        Err(cause) if cause.kind() != io::ErrorKind::AlreadyExists => {
-            return Err(io_error("create the folder", path)(cause));
-        }
-        _ => (),
+        Ok(()) => (),
+        Err(cause) if cause.kind() == io::ErrorKind::AlreadyExists => (),
+        // The last process to leave another domain has just removed the folder above; the
+        // caller retries.
+        Err(cause) if cause.kind() == io::ErrorKind::NotFound => return Ok(()),
+        Err(cause) => return Err(io_error("create the folder", path)(cause)),
     }
     match fs::symlink_metadata(path) {
         Ok(found) => {
@@ -486,7 +488,7 @@ mod tests {
             for i in 0..4 {
                 let base = &base;
                 scope.spawn(move || {
-                    for _ in 0..100 {
+                    for _ in 0..300 {
                         let domain = Domain::join_in(base, ["a", "b"][i % 2]).unwrap();
                         domain.check().unwrap();
                     }
