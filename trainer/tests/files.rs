@@ -129,25 +129,6 @@ fn the_limit_of_file_sizes_is_reported_and_loses_nothing() {
     limited("inspect p.bin >> full");
 }
 
-/// Runs a test of this file again in a mount namespace of its own, and returns true there.
-fn in_a_mount_namespace(test: &str) -> bool {
-    const CHILD: &str = "TRAINER_FILES_TEST_CHILD";
-    if std::env::var_os(CHILD).is_some() {
-        return true;
-    }
-    if requirements::mounts() {
-        let status = Command::new("unshare")
-            .args(["--mount", "--"])
-            .arg(std::env::current_exe().unwrap())
-            .args(["--exact", test, "--nocapture"])
-            .env(CHILD, "1")
-            .status()
-            .unwrap();
-        assert!(status.success());
-    }
-    false
-}
-
 fn mount(arguments: &[&str], at: &Path) {
     let status = Command::new("mount").args(arguments).current_dir(at).status().unwrap();
     assert!(status.success(), "{arguments:?}");
@@ -155,7 +136,9 @@ fn mount(arguments: &[&str], at: &Path) {
 
 #[test]
 fn writes_to_mounted_files_and_refuses_read_only_ones_before_the_work() {
-    if !in_a_mount_namespace("writes_to_mounted_files_and_refuses_read_only_ones_before_the_work") {
+    if !requirements::in_mount_namespace(
+        "writes_to_mounted_files_and_refuses_read_only_ones_before_the_work",
+    ) {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
@@ -206,7 +189,7 @@ fn writes_to_mounted_files_and_refuses_read_only_ones_before_the_work() {
 #[test]
 fn a_result_that_cannot_be_written_at_the_end_is_saved_elsewhere() {
     let test = "a_result_that_cannot_be_written_at_the_end_is_saved_elsewhere";
-    if !in_a_mount_namespace(test) {
+    if !requirements::in_mount_namespace(test) {
         return;
     }
     let folder = tempfile::tempdir().unwrap();

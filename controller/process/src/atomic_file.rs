@@ -375,32 +375,15 @@ mod tests {
         assert!(may_replace(0, &old, &sticky));
     }
 
-    /// Runs this test's body again in a mount namespace of its own.
-    fn in_a_mount_namespace(test: &str) -> bool {
-        const CHILD: &str = "ATOMIC_FILE_TEST_CHILD";
-        if std::env::var_os(CHILD).is_some() {
-            return true;
-        }
-        if requirements::mounts() {
-            let status = Command::new("unshare")
-                .args(["--mount", "--"])
-                .arg(std::env::current_exe().unwrap())
-                .args(["--exact", &format!("atomic_file::tests::{test}"), "--nocapture"])
-                .env(CHILD, "1")
-                .status()
-                .unwrap();
-            assert!(status.success());
-        }
-        false
-    }
-
     fn mount(arguments: &[&str]) {
         assert!(Command::new("mount").args(arguments).status().unwrap().success(), "{arguments:?}");
     }
 
     #[test]
     fn writes_a_bind_mounted_file_in_place() {
-        if !in_a_mount_namespace("writes_a_bind_mounted_file_in_place") {
+        if !requirements::in_mount_namespace(
+            "atomic_file::tests::writes_a_bind_mounted_file_in_place",
+        ) {
             return;
         }
         let folder = tempfile::tempdir().unwrap();
@@ -430,7 +413,9 @@ mod tests {
 
     #[test]
     fn a_full_disk_leaves_a_file_that_cannot_be_replaced_as_it_was() {
-        if !in_a_mount_namespace("a_full_disk_leaves_a_file_that_cannot_be_replaced_as_it_was") {
+        if !requirements::in_mount_namespace(
+            "atomic_file::tests::a_full_disk_leaves_a_file_that_cannot_be_replaced_as_it_was",
+        ) {
             return;
         }
         let folder = tempfile::tempdir().unwrap();

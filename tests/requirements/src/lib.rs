@@ -285,6 +285,30 @@ pub fn mounts() -> bool {
     Requirement::Mounts.check(found).is_some()
 }
 
+/// Runs the test of this name (with the path of its module) again, in a mount namespace of
+/// its own, and returns true there. Returns false in the process that has waited for it.
+///
+/// # Panics
+/// Panics when the test fails there, or when no test has this name.
+#[must_use]
+pub fn in_mount_namespace(test: &str) -> bool {
+    const CHILD: &str = "LEG_TEST_IN_MOUNT_NAMESPACE";
+    if std::env::var_os(CHILD).is_some_and(|name| name == test) {
+        return true;
+    }
+    if mounts() {
+        let mut again = Command::new("unshare");
+        again.args(["--mount", "--"]).arg(std::env::current_exe().expect("the path of this test"));
+        again.args(["--exact", test, "--nocapture"]).env(CHILD, test);
+        let output = again.output().expect("`unshare` starts");
+        let (out, err) = (output.stdout.escape_ascii(), output.stderr.escape_ascii());
+        // The harness succeeds, too, when it finds no test of the name.
+        let has_run = String::from_utf8_lossy(&output.stdout).contains("test result: ok. 1 passed");
+        assert!(output.status.success() && has_run, "{test} in a mount namespace: {out} {err}");
+    }
+    false
+}
+
 /// Returns whether a SIGHUP reaches the programs that this test starts: they inherit
 /// an ignored one.
 #[must_use]
@@ -340,6 +364,24 @@ mod tests {
         assert_eq!(checkout_of(&package).as_deref(), Some(moved.path()));
         let here = std::env::current_dir().unwrap();
         assert_eq!(checkout().join("tests/requirements"), here, "as `cargo test` starts it");
+    }
+
+    #[test]
+    fn a_test_in_a_mount_namespace_runs_there() {
+        if in_mount_namespace("tests::a_test_in_a_mount_namespace_runs_there") {
+            let here = fs::read_link("/proc/self/ns/mnt").unwrap();
+            assert_ne!(here, fs::read_link("/proc/1/ns/mnt").unwrap_or_default());
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "tests::of_no_test in a mount namespace")]
+    fn a_name_of_no_test_is_not_a_success() {
+        if mounts() {
+            let _ = in_mount_namespace("tests::of_no_test");
+        } else {
+            panic!("tests::of_no_test in a mount namespace: not tried, as the skip above states");
+        }
     }
 
     #[test]
