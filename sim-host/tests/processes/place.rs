@@ -2,16 +2,20 @@
 
 use std::ffi::OsStr;
 use std::fs;
+use std::io::Read;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use leg_control::actor::{ActionScaling, ObservationScaling, Widths, pack, packed_len};
 use leg_control::leg::LegModel;
 use leg_control::policy::{GainPoint, GainSchedule, Manifest, Media, Provenance, write};
-use leg_host::Domain;
+use leg_host::{Domain, Role, json_socket};
+use sim_host::operate::{LegRequest, LegStatus};
 use tempfile::TempDir;
 
 pub(crate) const PROGRAM: &str = env!("CARGO_BIN_EXE_sim-host");
@@ -107,15 +111,40 @@ impl Place {
     /// Waits until the controller's status satisfies `wanted`.
     #[track_caller]
     pub(crate) fn wait_for_status(&self, wanted: impl Fn(&serde_json::Value) -> bool) {
-        let deadline = Instant::now() + LONG;
-        loop {
-            let status = self.request(&["status", "--json"]);
-            let found = serde_json::from_str(&status.out).is_ok_and(|status| wanted(&status));
-            if found {
-                return;
-            }
-            assert!(Instant::now() < deadline, "{} {}", status.out, status.err);
-        }
+        wait_for_status_in(self.domain(), wanted);
+    }
+
+    /// Waits until the controller waits for a leg.
+    #[track_caller]
+    pub(crate) fn wait_for_the_controller(&self) {
+        self.wait_for_status(|status| status["activity"] == "waiting");
+    }
+
+    /// Returns the status of the leg, which must be in a run.
+    #[track_caller]
+    pub(crate) fn leg_status(&self) -> LegStatus {
+        self.ask_the_leg(&LegRequest::Status)
+    }
+
+    /// Ends the run in order, so that it prints its result.
+    #[track_caller]
+    pub(crate) fn end_the_run(&self) {
+        self.ask_the_leg(&LegRequest::Quit);
+    }
+
+    #[track_caller]
+    fn ask_the_leg(&self, request: &LegRequest) -> LegStatus {
+        json_socket::ask(self.domain(), Role::Leg, request, LONG).expect("an answer of the leg")
+    }
+
+    /// Returns a run of as many ticks without a second process, for comparison.
+    #[track_caller]
+    pub(crate) fn alone_for(&self, ticks: u64, arguments: &[&str]) -> Ended {
+        let duration = (ticks as f64 / 1000.0).to_string();
+        let own = ["--in-process", "--duration", &duration];
+        let ended = self.alone(&[&own[..], arguments].concat()).end();
+        ended.assert_ok();
+        ended
     }
 
     /// Starts a simulator that needs no other process of the test.
@@ -150,15 +179,12 @@ impl Place {
         Running::start(shell.args(arguments).current_dir(self.dir.path()))
     }
 
-    /// Waits until both processes have been connected for a while.
+    /// Waits until the controller has answered samples of the run in this or the named domain.
+    #[track_caller]
     pub(crate) fn wait_for_the_run(&self, domain: Option<&str>) {
-        let folder = folder_of(domain.unwrap_or(&self.domain));
-        let deadline = Instant::now() + LONG;
-        while !(folder.join("leg.role").exists() && folder.join("controller.role").exists()) {
-            assert!(Instant::now() < deadline, "no run in {}", folder.display());
-            std::thread::sleep(Duration::from_millis(5));
-        }
-        std::thread::sleep(Duration::from_millis(300));
+        wait_for_status_in(domain.unwrap_or(&self.domain), |status| {
+            status["activity"] != "waiting" && status["ticks"].as_u64() > Some(0)
+        });
     }
 
     /// Asserts that nothing is left of the test domain or of the named one.
@@ -210,8 +236,64 @@ pub(crate) fn text(path: &Path) -> &str {
     path.to_str().expect("a temporary folder with a plain name")
 }
 
+/// Waits until the status of the controller in a domain satisfies `wanted`.
+#[track_caller]
+fn wait_for_status_in(domain: &str, wanted: impl Fn(&serde_json::Value) -> bool) {
+    wait_until(|| {
+        let mut command = Command::new(PROGRAM);
+        let status = ["controller", "status", "--json", "--domain", domain];
+        let Ended { out, err, .. } = Running::start(command.args(status)).end();
+        let is_so = serde_json::from_str(&out).is_ok_and(|status| wanted(&status));
+        if is_so { Ok(()) } else { Err(format!("{out} {err}")) }
+    });
+}
+
+/// Waits until something is so; panics with what it is instead after [`LONG`].
+#[track_caller]
+pub(crate) fn wait_until(mut look: impl FnMut() -> Result<(), String>) {
+    let start = Instant::now();
+    while let Err(what) = look() {
+        assert!(start.elapsed() < LONG, "{what}");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// What a process has printed so far, and the thread that reads on.
+struct Printed {
+    text: Arc<Mutex<Vec<u8>>>,
+    thread: JoinHandle<()>,
+}
+
+impl Printed {
+    fn read(mut from: impl Read + Send + 'static) -> Self {
+        let text = Arc::<Mutex<Vec<u8>>>::default();
+        let written = Arc::clone(&text);
+        let thread = std::thread::spawn(move || {
+            let mut bytes = [0; 4096];
+            while let Ok(n @ 1..) = from.read(&mut bytes) {
+                written.lock().unwrap().extend_from_slice(&bytes[..n]);
+            }
+        });
+        Self { text, thread }
+    }
+
+    fn so_far(&self) -> String {
+        String::from_utf8_lossy(&self.text.lock().unwrap()).into_owned()
+    }
+
+    /// Returns all that was printed, by the process and its children.
+    fn all(self) -> String {
+        self.thread.join().expect("a reader");
+        String::from_utf8(std::mem::take(&mut self.text.lock().unwrap())).expect("text")
+    }
+}
+
 /// A process, killed when dropped.
-pub(crate) struct Running(Option<Child>);
+pub(crate) struct Running {
+    child: Child,
+    started: Instant,
+    output: Option<[Printed; 2]>,
+}
 
 /// Exit status, output and duration of a process.
 pub(crate) struct Ended {
@@ -225,22 +307,31 @@ impl Running {
     /// Starts a command, without input and with its output kept.
     pub(crate) fn start(command: &mut Command) -> Self {
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        Self(Some(command.spawn().expect("start")))
-    }
-
-    fn child(&mut self) -> &mut Child {
-        self.0.as_mut().expect("not ended yet")
+        let started = Instant::now();
+        let mut child = command.spawn().expect("start");
+        let out = Printed::read(child.stdout.take().expect("piped"));
+        let err = Printed::read(child.stderr.take().expect("piped"));
+        Self { child, started, output: Some([out, err]) }
     }
 
     pub(crate) fn pid(&mut self) -> u32 {
-        self.child().id()
+        self.child.id()
+    }
+
+    /// Waits until the process has printed this on the standard error.
+    #[track_caller]
+    pub(crate) fn wait_for_message(&self, text: &str) {
+        let [_, err] = self.output.as_ref().expect("not ended yet");
+        wait_until(|| {
+            let so_far = err.so_far();
+            so_far.contains(text).then_some(()).ok_or(format!("`{text}` is not in: {so_far}"))
+        });
     }
 
     /// Kills the process with SIGKILL.
     pub(crate) fn kill(mut self) {
-        self.child().kill().expect("kill");
-        self.child().wait().expect("reap");
-        self.0 = None;
+        self.child.kill().expect("kill");
+        self.child.wait().expect("reap");
     }
 
     /// Sends a signal to the process.
@@ -262,25 +353,23 @@ impl Running {
     /// Waits until the process ends.
     #[track_caller]
     pub(crate) fn end(mut self) -> Ended {
-        let start = Instant::now();
-        while self.child().try_wait().expect("look").is_none() {
-            assert!(start.elapsed() < LONG, "it hangs");
-            std::thread::sleep(Duration::from_millis(2));
-        }
-        let took = start.elapsed();
-        let Output { status, stdout, stderr } =
-            self.0.take().expect("a child").wait_with_output().expect("its output");
-        let text = |bytes: Vec<u8>| String::from_utf8(bytes).expect("text");
-        Ended { status: status.code(), out: text(stdout), err: text(stderr), took }
+        let (child, output) = (&mut self.child, self.output.take().expect("not ended yet"));
+        let mut status = None;
+        wait_until(|| {
+            status = child.try_wait().expect("look");
+            let hangs = || format!("it hangs: {:?}", output.each_ref().map(Printed::so_far));
+            if status.is_some() { Ok(()) } else { Err(hangs()) }
+        });
+        let took = self.started.elapsed();
+        let [out, err] = output.map(Printed::all);
+        Ended { status: status.and_then(|status| status.code()), out, err, took }
     }
 }
 
 impl Drop for Running {
     fn drop(&mut self) {
-        if let Some(child) = &mut self.0 {
-            let _ = child.kill();
-            let _ = child.wait();
-        }
+        let _ = self.child.kill();
+        let _ = self.child.wait();
     }
 }
 
@@ -299,6 +388,14 @@ impl Ended {
     #[track_caller]
     pub(crate) fn assert_ok(&self) -> &Self {
         self.assert(0, &[] as &[&str])
+    }
+
+    /// Returns the number of ticks printed by a run.
+    #[track_caller]
+    pub(crate) fn ticks(&self) -> u64 {
+        let before = self.out.split_once(" ticks)").map(|(before, _)| before);
+        let ticks = before.and_then(|before| before.rsplit_once('(')?.1.parse().ok());
+        ticks.unwrap_or_else(|| panic!("no ticks in: {}", self.out))
     }
 
     /// Returns the state hash printed by a run.

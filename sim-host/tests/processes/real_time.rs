@@ -1,13 +1,10 @@
 //! Runs in real time. The tests check states and counts and never durations, because
 //! the machine may be busy.
 
-use std::fs;
-use std::time::{Duration, Instant};
-
 use rustix::process::Signal;
 use serde_json::Value;
 
-use crate::place::{LONG, Place, text};
+use crate::place::{Place, text};
 
 fn json(text: &str) -> Value {
     serde_json::from_str(text.trim()).unwrap_or_else(|cause| panic!("{cause}: {text}"))
@@ -95,7 +92,7 @@ fn refuses_a_real_time_and_a_lock_step_side() {
     // perhaps before the other has seen it.
     let place = Place::new();
     let mut controller = place.controller(&["--timeout", "30"]);
-    place.wait_for_status(|status| status["activity"] == "waiting");
+    place.wait_for_the_controller();
     controller.signal(Signal::STOP);
     let simulator = place.simulator(&["--real-time", "--timeout", "30"]).end();
     simulator.assert(1, &["the controller runs in lock-step", "--real-time"]);
@@ -104,12 +101,7 @@ fn refuses_a_real_time_and_a_lock_step_side() {
     controller.end().assert(1, &["stopped by a signal"]);
 
     let mut simulator = place.simulator(&["--real-time", "--timeout", "30"]);
-    let lock = place.root().join("leg.role");
-    let deadline = Instant::now() + LONG;
-    while !fs::read_to_string(&lock).is_ok_and(|record| record.contains("gravity")) {
-        assert!(Instant::now() < deadline, "the simulator has not taken its role");
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    simulator.wait_for_message("still waiting");
     simulator.signal(Signal::STOP);
     let controller = place.controller(&["--timeout", "30"]).end();
     controller.assert(1, &["the simulator runs in real time", "--real-time"]);

@@ -3,11 +3,8 @@
 use std::io::{Read, Write};
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
 
-use crate::place::{PROGRAM, Place};
-
-const SOON: Duration = Duration::from_secs(30);
+use crate::place::{PROGRAM, Place, wait_until};
 
 /// A `sim-host watch` in a pseudo-terminal of the tool `script`.
 struct Watch {
@@ -51,12 +48,14 @@ impl Watch {
     /// changed cells are drawn, so the text has no blanks between words.
     #[track_caller]
     fn wait_for(&self, text: &str) {
-        let start = Instant::now();
-        while !self.screen.lock().unwrap().contains(text) {
-            assert!(start.elapsed() < SOON, "`{text}` is not drawn");
-            std::thread::sleep(Duration::from_millis(5));
-        }
-        self.screen.lock().unwrap().clear();
+        wait_until(|| {
+            let mut screen = self.screen.lock().unwrap();
+            if !screen.contains(text) {
+                return Err(format!("`{text}` is not drawn"));
+            }
+            screen.clear();
+            Ok(())
+        });
     }
 
     fn press(&mut self, key: &str) {
@@ -80,35 +79,39 @@ impl Drop for Watch {
     }
 }
 
-#[track_caller]
-fn wait_until_clean(place: &Place) {
-    let start = Instant::now();
-    while place.root().exists() {
-        assert!(start.elapsed() < SOON, "the view keeps the domain alive");
-        std::thread::sleep(Duration::from_millis(5));
-    }
-    place.assert_clean();
-}
+/// Runs until a key ends it, so that there is no moment that the view could come too late for.
+const ENDLESS: [&str; 3] = ["--spawn", "--duration", "80000"];
 
 #[test]
 fn watching_does_not_change_a_run_and_can_operate_it() {
     let place = Place::new();
-    let run = |duration: &str| {
-        place.alone(&["--spawn", "--domain", place.domain(), "--duration", duration])
+    let run = |set_point: &str| {
+        let own = ["--domain", place.domain(), "--set-point", set_point];
+        place.alone(&[&ENDLESS[..], &own].concat())
     };
-    let bare = run("50").end().assert_ok().state_hash();
+    let wait_until_clean = || {
+        wait_until(|| {
+            let left = place.root().exists();
+            if left { Err("the view keeps the domain alive".to_owned()) } else { Ok(()) }
+        });
+        place.assert_clean();
+    };
 
     let mut watch = Watch::begin(&place);
     watch.wait_for("waiting");
     assert!(!place.root().exists(), "it does not create a domain without processes");
-    let watched = run("50");
-    watch.wait_for("lock-step");
-    assert_eq!(watched.end().assert_ok().state_hash(), bare);
-    wait_until_clean(&place);
+    let watched = run("0.25");
+    watch.wait_for("+0.25");
+    watch.press("Q");
+    let watched = watched.end();
+    let bare = place.alone_for(watched.ticks(), &["--set-point", "0.25"]);
+    assert_eq!(watched.assert_ok().state_hash(), bare.state_hash());
+    wait_until_clean();
+    watch.wait_for("waiting");
 
-    // By its keys: another set-point, a pause, the end.
-    let endless = run("80000");
-    watch.wait_for("lock-step");
+    // The next run, by its keys: another set-point, a pause, the end.
+    let endless = run("0.75");
+    watch.wait_for("+0.75");
     watch.press("\u{1b}[A");
     watch.wait_for("key");
     watch.press(" ");
@@ -116,7 +119,7 @@ fn watching_does_not_change_a_run_and_can_operate_it() {
     watch.press("Q");
     let ended = endless.end();
     assert!(ended.assert_ok().out.starts_with("stopped after"), "{}", ended.out);
-    wait_until_clean(&place);
+    wait_until_clean();
     watch.leave();
     place.assert_clean();
 }
@@ -131,14 +134,12 @@ fn a_closed_terminal_ends_the_view_even_if_sighup_is_ignored() {
     watch.wait_for("waiting");
     let pid = std::fs::read_to_string(&pid_file).expect("its process");
     watch.script.kill().expect("the terminal");
-    let start = Instant::now();
     // A zombie has no command line.
     let runs =
         || std::fs::read(format!("/proc/{}/cmdline", pid.trim())).is_ok_and(|c| !c.is_empty());
-    while runs() {
-        assert!(start.elapsed() < SOON, "process {pid} continues without a terminal");
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    wait_until(|| {
+        if runs() { Err(format!("process {pid} continues without a terminal")) } else { Ok(()) }
+    });
 }
 
 #[test]

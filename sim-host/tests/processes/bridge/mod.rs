@@ -13,13 +13,12 @@ use leg_process::Stop;
 use rustix::process::Signal;
 use serde_json::Value;
 
+use super::ENDLESS;
 use super::place::{Ended, Place, Running};
 use board::{Board, Disturbance};
 
 const TICKS: u64 = 10_000;
 const RUN: [&str; 6] = ["--duration", "10", "--start-vx", "0.2", "--timeout", "30"];
-/// Runs longer than its test, but not than its controller.
-const IMPATIENT: [&str; 4] = ["--duration", "80000", "--timeout", "1"];
 
 /// Returns the options of a bridge in the domain of a place.
 fn options(place: &Place) -> [&str; 4] {
@@ -33,6 +32,14 @@ fn bridge(place: &Place, board: &Board, arguments: &[&str]) -> Running {
 /// Returns the hash of the run with a controller in the simulator's process.
 fn expected(place: &Place) -> String {
     place.alone(&[&["--in-process"], &RUN[..]].concat()).end().assert_ok().state_hash()
+}
+
+/// Asserts that the run has lost its controller, for which it waits, and ends it.
+#[track_caller]
+fn assert_lost_its_controller(mut run: Running) {
+    run.wait_for_message("left before the run was over");
+    run.signal(Signal::INT);
+    run.end().assert(1, &["stopped by a signal"]);
 }
 
 /// Parses the report of a bridge.
@@ -157,7 +164,7 @@ fn two_bridges_run_independently() {
     let place = Place::new();
     let board = Board::new(&place, &[]);
     let mut first = bridge(&place, &board, &[]);
-    let run = place.simulator(&IMPATIENT);
+    let run = place.simulator(&ENDLESS);
     place.wait_for_the_run(None);
     // A board has one line.
     bridge(&place, &board, &[]).end().assert(1, &["no answer for"]);
@@ -169,7 +176,7 @@ fn two_bridges_run_independently() {
 
     first.signal(Signal::INT);
     first.end().assert(1, &["stopped by a signal"]);
-    run.end().assert(1, &["left before the run was over"]);
+    assert_lost_its_controller(run);
     // The controller was left idle.
     let mut client =
         Client::new(Endpoint::Unix(board.path.clone()).open().unwrap(), &Stop::default());

@@ -6,15 +6,14 @@ use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use leg_host::serial::port::other_users;
 use rustix::process::Signal;
 
 use super::board::terminal;
 use super::{Board, Disturbance, RUN, bridge, expected, number, report};
-use crate::SOON;
-use crate::place::{NOBODY, Place, text};
+use crate::place::{NOBODY, Place, text, wait_until};
 
 #[test]
 fn a_run_continues_after_the_settings_have_changed_and_the_board_has_come_back() {
@@ -79,11 +78,11 @@ impl Drop for Shared {
 /// Waits until a bridge has the port open.
 #[track_caller]
 fn wait_for_bridge(place: &Place) {
-    let begun = Instant::now();
-    while !other_users(&place.file("tty")).iter().any(|user| user.starts_with("sim-host")) {
-        assert!(begun.elapsed() < SOON, "no bridge has opened the port");
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    let is_user = |user: &String| user.starts_with("sim-host");
+    wait_until(|| {
+        let is_open = other_users(&place.file("tty")).iter().any(is_user);
+        if is_open { Ok(()) } else { Err("no bridge has opened the port".to_owned()) }
+    });
 }
 
 #[test]
@@ -120,7 +119,8 @@ fn opens_the_port_of_a_bridge_that_was_killed() {
     };
     let (domain, other) = (place.domain(), format!("{}-other", place.domain()));
     let first = start(domain, "30");
-    wait_for_bridge(&place);
+    // By then it has locked the port.
+    first.wait_for_message("still waiting");
     start(&other, "30").end().assert(1, &["sim-host (process ", "has the port open"]);
     first.kill();
     start(domain, "1").end().assert(1, &["no simulator in domain"]);

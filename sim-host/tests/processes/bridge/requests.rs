@@ -2,7 +2,6 @@
 
 use std::os::unix::net::UnixListener;
 use std::path::Path;
-use std::time::{Duration, Instant};
 
 use leg_control::serial::message::{Mode, Request};
 use leg_host::serial::Endpoint;
@@ -12,13 +11,23 @@ use rustix::process::Signal;
 use serde_json::Value;
 
 use super::{Board, bridge, number, options, report};
-use crate::SOON;
-use crate::place::{Place, text};
+use crate::ENDLESS;
+use crate::place::{Place, text, wait_until};
 
 /// Sends a request to the controller by the `controller` program.
 fn request(place: &Place, socket: &Path, arguments: &[&str]) -> Value {
     let all = [arguments, &["--unix", text(socket), "--json"]].concat();
     report(&place.start("controller", &all).end())
+}
+
+/// Waits until a controller answers behind a socket: its file exists before anybody listens.
+#[track_caller]
+fn wait_for_board(socket: &Path) {
+    wait_until(|| {
+        let stream = Endpoint::Unix(socket.to_owned()).open().map_err(|cause| cause.to_string())?;
+        let identity = Client::new(stream, &Stop::default()).identify(IDENTIFY_TIMEOUT);
+        identity.map(|_| ()).map_err(|cause| cause.to_string())
+    });
 }
 
 #[test]
@@ -30,21 +39,11 @@ fn uploads_and_rolls_back_a_policy_during_a_run() {
     drop(UnixListener::bind(&socket).unwrap());
     let share = ["--share", text(&socket)];
     let bridge_on = bridge(&place, &board, &share);
-    let wait_for_socket = || {
-        let start_time = Instant::now();
-        while !Endpoint::Unix(socket.clone()).open().is_ok_and(|stream| {
-            Client::new(stream, &Stop::default()).identify(IDENTIFY_TIMEOUT).is_ok()
-        }) {
-            assert!(start_time.elapsed() < SOON, "no board behind the socket");
-            std::thread::sleep(Duration::from_millis(10));
-        }
-    };
-    wait_for_socket();
+    wait_for_board(&socket);
     let refused = bridge(&place, &board, &share).end();
     refused.assert(1, &["another process listens on", text(&socket), "--share names the socket"]);
 
-    let long = ["--duration", "100", "--start-vx", "0.2", "--timeout", "30"];
-    let run = place.simulator(&long);
+    let run = place.simulator(&[&ENDLESS[..], &["--start-vx", "0.2"]].concat());
     place.wait_for_the_run(None);
     let policy = place.policy();
     let done = request(&place, &socket, &["policy", "upload", text(&policy)]);
@@ -69,14 +68,15 @@ fn uploads_and_rolls_back_a_policy_during_a_run() {
         assert!(refused.contains("the run belongs to the program"), "{refused}");
     }
 
+    place.end_the_run();
     let run = run.end();
     let report = report(&bridge_on.end());
     assert!(!socket.exists(), "the bridge removes its socket");
     assert_eq!(number(&report, "/controller/swaps"), 2, "{report}");
     assert!(number(&report, "/shared_requests") >= 10, "{report}");
     // The same policy, so the run must be equal bit for bit.
-    let alone = place.alone(&[&["--in-process"], &long[..]].concat()).end();
-    assert_eq!(run.assert_ok().state_hash(), alone.assert_ok().state_hash());
+    let alone = place.alone_for(run.assert_ok().ticks(), &["--start-vx", "0.2"]);
+    assert_eq!(run.state_hash(), alone.state_hash());
     place.assert_clean();
 }
 
@@ -86,11 +86,7 @@ fn connects_to_the_virtual_board_program() {
     let socket = place.policy().with_file_name("virtual");
     let arguments = ["virtual-board", "--unix", text(&socket), "--empty"];
     let mut board = place.start("controller", &arguments);
-    let start_time = Instant::now();
-    while !socket.exists() {
-        assert!(start_time.elapsed() < SOON);
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    wait_for_board(&socket);
     let slots = request(&place, &socket, &["policy", "list"]);
     assert_eq!(slots.pointer("/slots/0/fault"), Some(&"empty".into()), "{slots}");
     let bridge =
@@ -123,8 +119,7 @@ fn a_board_behind_a_bridge_answers_the_requests_to_its_domain() {
     place.wait_for_status(|status| status["board"] == "virtual");
     assert_eq!(json(&["identify"])["policy"]["name"], "hop in place");
 
-    let long = ["--duration", "100", "--start-vx", "0.2", "--timeout", "30"];
-    let run = place.simulator(&long);
+    let run = place.simulator(&[&ENDLESS[..], &["--start-vx", "0.2"]].concat());
     place.wait_for_the_run(None);
     assert!(number(&place.status(), "/ticks") > 0);
     let policy = place.policy();
@@ -136,7 +131,8 @@ fn a_board_behind_a_bridge_answers_the_requests_to_its_domain() {
     place.request(&["set-point", "99"]).assert(2, &["-50 to 50 m/s"]);
     assert_eq!(json(&["policy", "roll-back"])["slot"], "A");
     assert_eq!(number(&place.status(), "/swaps"), 2);
-    run.end();
+    place.end_the_run();
+    run.end().assert_ok();
     let report = report(&bridge_on.end());
     assert_eq!(number(&report, "/controller/swaps"), 2, "{report}");
     place.request(&["status"]).assert(1, &["no controller is running in domain"]);
