@@ -2,7 +2,7 @@
 
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 fn trainer(arguments: &[&str], directory: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_trainer"))
@@ -146,14 +146,12 @@ fn is_stopped_by(signal: &str) {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    // The log exists once the signal handlers are installed.
-    for _ in 0..1000 {
-        if std::fs::read_dir(directory.path()).unwrap().count() > 0 {
-            break;
-        }
-        std::thread::sleep(Duration::from_millis(20));
+    // The signal handlers are installed before any file exists.
+    let began = Instant::now();
+    while !directory.path().join("p.bin.checkpoint").exists() {
+        assert!(began.elapsed() < Duration::from_mins(1), "no checkpoint");
+        std::thread::sleep(Duration::from_millis(2));
     }
-    std::thread::sleep(Duration::from_millis(300));
     let kill = Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap();
     assert!(kill.success());
     let output = child.wait_with_output().unwrap();

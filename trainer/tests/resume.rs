@@ -40,6 +40,9 @@ const ROBUST: &[&str] = &[
     "2",
 ];
 
+/// Attempts to kill a training before it ends.
+const ATTEMPTS: usize = 50;
+
 fn trainer(arguments: &[&str], folder: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_trainer"));
     command.arg("train").args(arguments).args(["--out", "p.bin", "--eval-starts", "0", "--quiet"]);
@@ -100,12 +103,40 @@ fn kill_at(child: &mut Child, folder: &Path, moment: Moment) -> bool {
     }
 }
 
+/// Starts a training anew until it is killed before its end, whatever else the machine does.
+fn begin_and_kill(arguments: &[&str], folder: &Path, moment: Moment) {
+    for _ in 0..ATTEMPTS {
+        let mut child = trainer(arguments, folder).spawn().unwrap();
+        if kill_at(&mut child, folder, moment) {
+            return;
+        }
+        for name in names(folder) {
+            fs::remove_file(folder.join(name)).unwrap();
+        }
+    }
+    panic!("in {ATTEMPTS} attempts the training ended before {moment:?}");
+}
+
 fn survives_being_killed(arguments: &[&str]) {
     let whole = tempfile::tempdir().unwrap();
     let alone = output(&[arguments, &["--checkpoint-every", "0"]].concat(), whole.path());
     assert!(alone.status.success(), "{}", error(&alone));
     assert_eq!(names(whole.path()), ["p.bin", "p.csv"]);
 
+    // How often a training can be killed before it ends depends on the machine.
+    let mut kills = 0;
+    for _ in 0..ATTEMPTS {
+        kills += kills_of_a_resumed_training(arguments, whole.path());
+        if kills >= 5 {
+            return;
+        }
+    }
+    panic!("only {kills} kills in {ATTEMPTS} trainings");
+}
+
+/// Kills and resumes a training until it ends; compares its files with those of the `whole` one,
+/// and returns the number of kills.
+fn kills_of_a_resumed_training(arguments: &[&str], whole: &Path) -> usize {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
     let milliseconds = |ms| Moment::After(Duration::from_millis(ms));
@@ -129,16 +160,18 @@ fn survives_being_killed(arguments: &[&str]) {
         killed += 1;
         assert!(!path.join("p.bin").exists() && !path.join("p.csv").exists(), "{moment:?}");
     }
-    assert!(killed >= 5, "only {killed} kills");
-    let last = output(&arguments, path);
-    assert!(last.status.success(), "{}", error(&last));
+    if killed == 8 {
+        let last = output(&arguments, path);
+        assert!(last.status.success(), "{}", error(&last));
+    }
     for name in ["p.bin", "p.csv"] {
         let read = |folder: &Path| fs::read(folder.join(name)).unwrap();
-        assert!(read(path) == read(whole.path()), "{name} differs after {killed} kills");
+        assert!(read(path) == read(whole), "{name} differs after {killed} kills");
     }
     // A kill during the rename of the policy may leave a hidden file.
     let left: Vec<_> = names(path).into_iter().filter(|n| !n.starts_with('.')).collect();
     assert_eq!(left, ["p.bin", "p.csv"]);
+    killed
 }
 
 #[test]
@@ -158,8 +191,7 @@ fn a_kill_after_the_policy_is_written_loses_nothing() {
     let path = folder.path();
     let arguments = ["--preset", "water", "--episodes", "600", "--seed", "1"];
     let resumed = [&arguments[..], &["--resume", "--checkpoint-every", "0.001"]].concat();
-    let mut child = trainer(&resumed, path).spawn().unwrap();
-    assert!(kill_at(&mut child, path, Moment::Checkpoints(2)));
+    begin_and_kill(&resumed, path, Moment::Checkpoints(2));
     let at = |name: &str| path.join(name);
     let checkpoint = fs::read(at("p.bin.checkpoint")).unwrap();
     assert!(output(&resumed, path).status.success());
@@ -180,6 +212,12 @@ fn a_kill_after_the_policy_is_written_loses_nothing() {
 /// Moves a file or folder between two resumptions from different folders, and copies one.
 #[test]
 fn a_training_resumes_wherever_its_files_are_and_from_any_folder() {
+    let moved = (0..ATTEMPTS).any(|_| resumes_wherever_its_files_are().is_some());
+    assert!(moved, "in {ATTEMPTS} attempts a training ended before it was killed");
+}
+
+/// Returns `None` where a training has ended before it was killed.
+fn resumes_wherever_its_files_are() -> Option<()> {
     let whole = tempfile::tempdir().unwrap();
     let arguments = ["--preset", "air", "--steps", "3000", "--seed", "1"];
     assert!(output(&arguments, whole.path()).status.success());
@@ -203,15 +241,18 @@ fn a_training_resumes_wherever_its_files_are_and_from_any_folder() {
         let inode = || fs::metadata(&checkpoint).map_or(0, |m| m.ino());
         let mut last = inode();
         while seen < 4 {
-            assert!(
-                began.elapsed() < Duration::from_mins(1) && child.try_wait().unwrap().is_none()
-            );
+            assert!(began.elapsed() < Duration::from_mins(1), "no checkpoint");
+            if let Some(status) = child.try_wait().unwrap() {
+                assert!(status.success());
+                return None;
+            }
             let now = inode();
             (seen, last) = (seen + usize::from(now != last), now);
             std::thread::sleep(Duration::from_millis(1));
         }
         child.kill().unwrap();
-        child.wait().unwrap();
+        // It may have ended just before.
+        child.wait().unwrap().code().is_none().then_some(())
     };
     let finish = |directory: &Path, line: &str, out: &Path, log: &Path| {
         let output = run(directory, line).wait_with_output().unwrap();
@@ -221,9 +262,9 @@ fn a_training_resumes_wherever_its_files_are_and_from_any_folder() {
     };
 
     // From another folder; then the folder is moved, and copied.
-    kill(run(&at("runs/a"), &format!("--out p.bin {begin}")), &at("runs/a/p.bin"));
+    kill(run(&at("runs/a"), &format!("--out p.bin {begin}")), &at("runs/a/p.bin"))?;
     let resume = "--resume --checkpoint-every 0.02 --out runs/a/p.bin";
-    kill(run(folder.path(), resume), &at("runs/a/p.bin"));
+    kill(run(folder.path(), resume), &at("runs/a/p.bin"))?;
     fs::rename(at("runs/a"), at("runs/b")).unwrap();
     fs::create_dir(at("runs/copy")).unwrap();
     for name in ["p.bin.checkpoint", "p.csv.part"] {
@@ -240,19 +281,20 @@ fn a_training_resumes_wherever_its_files_are_and_from_any_folder() {
 
     // A log in another folder; both are moved, and it is found as seen from the policy.
     let line = format!("--out runs/p.bin --log logs/l.csv {begin}");
-    kill(run(folder.path(), &line), &at("runs/p.bin"));
+    kill(run(folder.path(), &line), &at("runs/p.bin"))?;
     fs::create_dir(at("moved")).unwrap();
     fs::rename(at("runs"), at("moved/runs")).unwrap();
     fs::rename(at("logs"), at("moved/logs")).unwrap();
     let line = "--resume --out ../moved/runs/p.bin";
     finish(&at("elsewhere"), line, &at("moved/runs/p.bin"), &at("moved/logs/l.csv"));
+    Some(())
 }
 
 #[test]
 fn advice_that_loses_a_checkpoint_says_so() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
-    let begin = ["--preset", "water", "--episodes", "100000", "--checkpoint-every", "0.001"];
+    let begin = ["--preset", "water", "--episodes", "1000000000", "--checkpoint-every", "0.001"];
     let mut child = trainer(&begin, path).spawn().unwrap();
     assert!(kill_at(&mut child, path, Moment::Checkpoints(5)));
     fs::rename(path.join("p.csv.part"), path.join("lost")).unwrap();
@@ -263,18 +305,16 @@ fn advice_that_loses_a_checkpoint_says_so() {
     assert!(message.contains("--restart would discard the checkpoint"), "{message}");
     // The advice can be followed.
     fs::rename(path.join("lost"), path.join("found.csv.part")).unwrap();
-    let mut child = trainer(&["--resume", "--log", "found.csv"], path).spawn().unwrap();
-    std::thread::sleep(Duration::from_millis(300));
-    assert!(child.try_wait().unwrap().is_none(), "it resumes");
-    child.kill().unwrap();
-    child.wait().unwrap();
+    let resume = ["--resume", "--log", "found.csv", "--checkpoint-every", "0.001"];
+    let mut child = trainer(&resume, path).spawn().unwrap();
+    assert!(kill_at(&mut child, path, Moment::Checkpoints(1)), "it resumes");
 }
 
 #[test]
 fn refuses_a_checkpoint_that_cannot_be_used() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
-    let arguments = ["--preset", "water", "--episodes", "100000", "--seed", "1"];
+    let arguments = ["--preset", "water", "--episodes", "1000000000", "--seed", "1"];
     let begin = [&arguments[..], &["--checkpoint-every", "0.001"]].concat();
     let mut child = trainer(&begin, path).spawn().unwrap();
     assert!(kill_at(&mut child, path, Moment::Checkpoints(5)));
@@ -324,7 +364,8 @@ fn refuses_a_checkpoint_that_cannot_be_used() {
 fn sighup_stays_ignored_where_the_parent_ignores_it() {
     let folder = tempfile::tempdir().unwrap();
     let line = format!(
-        "trap '' HUP; exec {} train --preset air --steps 1000000000 --out p.bin",
+        "trap '' HUP; exec {} train --preset air --steps 1000000000 --out p.bin \
+         --checkpoint-every 0.01",
         env!("CARGO_BIN_EXE_trainer")
     );
     let mut child = Command::new("sh")
@@ -333,21 +374,32 @@ fn sighup_stays_ignored_where_the_parent_ignores_it() {
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
-    while !folder.path().join("p.bin.checkpoint").exists() {
-        std::thread::sleep(Duration::from_millis(20));
-    }
+    let id = child.id().to_string();
+    let checkpoint = folder.path().join("p.bin.checkpoint");
+    let mut wait_for_checkpoints = |count: usize| {
+        let inode = || fs::metadata(&checkpoint).map_or(0, |m| m.ino());
+        let (began, mut last, mut seen) = (Instant::now(), inode(), 0);
+        while seen < count {
+            assert!(
+                began.elapsed() < Duration::from_mins(1) && child.try_wait().unwrap().is_none()
+            );
+            let now = inode();
+            (seen, last) = (seen + usize::from(now != last), now);
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    };
+    wait_for_checkpoints(1);
     let kill = |signal: &str| {
-        let id = child.id().to_string();
         assert!(Command::new("kill").args([signal, &id]).status().unwrap().success());
     };
     kill("-HUP");
-    std::thread::sleep(Duration::from_millis(500));
-    let before = names(folder.path());
-    assert_eq!(before, ["p.bin.checkpoint", "p.csv.part"]);
+    // A training that a signal stops writes one more.
+    wait_for_checkpoints(3);
     kill("-TERM");
     // If the first signal had counted, the second would have ended the process without a
     // checkpoint.
     assert_eq!(child.wait().unwrap().code(), Some(1));
+    assert_eq!(names(folder.path()), ["p.bin.checkpoint", "p.csv.part"]);
     let resumed = trainer(&["--resume", "--steps", "1"], folder.path()).output().unwrap();
     assert!(error(&resumed).contains("stages.0.length.steps is 1000000000 in one and 1"));
 }

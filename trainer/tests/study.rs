@@ -87,9 +87,17 @@ fn a_study_has_the_same_files_whole_killed_or_sharded() {
     shards(at, &table);
 }
 
-/// Kills a study after its first seed, and continues it.
+/// Kills a study after its first seed, and continues it. Until then the test holds the locks of
+/// the other seeds, as other processes do that train them.
 fn killed(at: &Path) {
     let line = format!("{SHORT} --out killed");
+    let locks = ["0001", "0002", "0003"].map(|seed| {
+        let folder = at.join("killed/seeds").join(seed);
+        fs::create_dir_all(&folder).unwrap();
+        let lock = fs::File::open(folder).unwrap();
+        lock.try_lock().unwrap();
+        lock
+    });
     let mut child = command(&line, at).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let first = at.join("killed/seeds/0000/report.json");
     let began = Instant::now();
@@ -99,13 +107,13 @@ fn killed(at: &Path) {
     }
     child.kill().unwrap();
     child.wait().unwrap();
-    assert!(!at.join("killed/summary.csv").exists(), "it was done before it was killed");
+    drop(locks);
+    assert!(!at.join("killed/summary.csv").exists());
     // Simulates a kill during a write.
-    fs::create_dir_all(at.join("killed/seeds/0003")).unwrap();
     fs::write(at.join("killed/seeds/0003/.tmpAbCdEf"), "half").unwrap();
     let output = command(&line, at).output().unwrap();
     assert!(output.status.success());
-    assert!(text(&output.stderr).contains(" of 4 seeds are already complete"));
+    assert!(text(&output.stderr).contains("1 of 4 seeds are already complete"));
 }
 
 fn shards(at: &Path, table: &str) {
@@ -295,11 +303,11 @@ fn is_stopped_by(signal: &str) {
     let line = "study --preset air --steps 1000000000 --seeds 0..2 --out s";
     let child = command(line, at).stderr(Stdio::piped()).spawn().unwrap();
     let began = Instant::now();
-    while !at.join("s/study.toml").exists() && began.elapsed() < Duration::from_mins(1) {
-        std::thread::sleep(Duration::from_millis(5));
+    // The signal handlers are installed before the folder is created.
+    while !at.join("s/study.toml").exists() {
+        assert!(began.elapsed() < Duration::from_mins(1), "no folder");
+        std::thread::sleep(Duration::from_millis(2));
     }
-    // The signal handlers are installed right after the folder is created.
-    std::thread::sleep(Duration::from_millis(300));
     let kill = Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap();
     assert!(kill.success());
     let output = child.wait_with_output().unwrap();

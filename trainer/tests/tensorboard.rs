@@ -4,9 +4,10 @@
 
 use prost::Message;
 use std::collections::BTreeMap;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use trainer::run::tensorboard::{Event, masked};
 
 /// Returns the events of a file, and whether its last frame is complete.
@@ -91,9 +92,16 @@ fn trainings_that_share_a_folder_keep_all_their_curves() {
 
 #[test]
 fn a_resumed_training_continues_its_run() {
+    let attempts = 50;
+    let resumed = (0..attempts).any(|_| is_continued_by_a_resumed_training().is_some());
+    assert!(resumed, "in {attempts} attempts the training ended before it was killed");
+}
+
+/// Returns `None` where the training has ended before it was killed.
+fn is_continued_by_a_resumed_training() -> Option<()> {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    let line = "train --preset air --steps 3000 --checkpoint-every 0.05 --eval-starts 0 --quiet \
+    let line = "train --preset air --steps 3000 --checkpoint-every 0.01 --eval-starts 0 --quiet \
                 --tensorboard board --out p.bin --resume";
     let command = || {
         let mut command = Command::new(env!("CARGO_BIN_EXE_trainer"));
@@ -101,16 +109,26 @@ fn a_resumed_training_continues_its_run() {
         command
     };
     let mut child = command().spawn().unwrap();
-    while !at.join("p.bin.checkpoint").exists() {
-        std::thread::sleep(Duration::from_millis(2));
+    let inode = || std::fs::metadata(at.join("p.bin.checkpoint")).map_or(0, |m| m.ino());
+    let (began, mut last, mut seen) = (Instant::now(), 0, 0);
+    // After the first checkpoint, that of step 0, there are events.
+    while seen < 4 {
+        assert!(began.elapsed() < Duration::from_mins(1), "no checkpoint");
+        if child.try_wait().unwrap().is_some() {
+            return None;
+        }
+        let now = inode();
+        (seen, last) = (seen + usize::from(now != last), now);
+        std::thread::sleep(Duration::from_millis(1));
     }
-    std::thread::sleep(Duration::from_millis(200));
     child.kill().unwrap();
-    child.wait().unwrap();
+    // It may have ended just before.
+    child.wait().unwrap().code().is_none().then_some(())?;
     assert!(command().status().unwrap().success());
     assert_eq!(files(&at.join("board")), [at.join("board/p")]);
     let rows = csv::Reader::from_path(at.join("p.csv")).unwrap().into_records().count();
     assert_eq!(shown(&at.join("board/p")), rows);
+    Some(())
 }
 
 #[test]

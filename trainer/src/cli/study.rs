@@ -101,6 +101,8 @@ impl Study {
     }
 
     fn run(&self, choice: &ConfigArguments) -> Result<(), Failure> {
+        // Before any file exists, so that a signal leaves none unfinished.
+        let stop = Stop::on_signals().context("signals").map_err(failed)?;
         let shard = self.shard()?;
         let plan = Plan::new(self.config(choice)?, self.seeds, self.eval_starts, SEED);
         let folder = Folder::begin(&self.out, plan).map_err(refused)?;
@@ -119,7 +121,7 @@ impl Study {
         }
         if !missing.is_empty() {
             let jobs = NonZeroUsize::new(usize::from(self.jobs)).unwrap_or(NonZeroUsize::MIN);
-            train(&folder, missing, jobs)?;
+            train(&folder, missing, jobs, &stop)?;
         }
         let (reports, missing) = folder.reports().map_err(refused)?;
         if missing.is_empty() {
@@ -145,8 +147,7 @@ fn refused(error: StudyError) -> Failure {
 }
 
 /// Trains and evaluates seeds, and saves their results.
-fn train(folder: &Folder, seeds: Vec<u64>, jobs: NonZeroUsize) -> Result<(), Failure> {
-    let stop = Stop::on_signals().context("signals").map_err(failed)?;
+fn train(folder: &Folder, seeds: Vec<u64>, jobs: NonZeroUsize, stop: &Stop) -> Result<(), Failure> {
     let (all, began) = (seeds.len(), Instant::now());
     let bar = progress_bar(all);
     let cannot = |e| failed(anyhow!("no job can be started: {e}; {}", remedy::OF_THREAD));

@@ -8,7 +8,7 @@ enum Request {
     Swap { file: String, blob: String },
 }
 
-const LONG: Duration = Duration::from_secs(10);
+const LONG: Duration = Duration::from_mins(1);
 
 fn domain(dir: &tempfile::TempDir) -> Arc<Domain> {
     Domain::join_in(&dir.path().join("base"), "d").unwrap()
@@ -71,9 +71,9 @@ fn refuses_bytes_that_are_no_request_and_serves_the_next_client() {
     // A client that closes in the middle, and one that sends nothing.
     drop(UnixStream::connect(path(domain.root(), Role::Controller)).unwrap());
     let idle = UnixStream::connect(path(domain.root(), Role::Controller)).unwrap();
-    let start = Instant::now();
-    assert!(asked(&domain, &Request::Status).is_err());
-    assert!(start.elapsed() < 2 * TIMEOUT, "{:?}", start.elapsed());
+    // The idle one is left after a while, long before the next gives up.
+    let answer = asked(&domain, &Request::Status);
+    assert!(matches!(answer, Err(AskError::Refused(_))), "{answer:?}");
     drop(idle);
 }
 
