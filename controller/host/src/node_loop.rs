@@ -22,15 +22,17 @@ pub(super) const CHANGES: usize = 16;
 #[allow(clippy::large_enum_variant)]
 #[derive(Debug)]
 pub(super) enum Change {
-    SetPoint(Option<f32>),
+    SetPoint { number: u64, set_point_m_s: Option<f32> },
     RunPolicy { number: u64, slot: Slot, policy: Policy<'static> },
 }
 
-/// The loop has taken policies: before the tick that answers this sample.
+/// The loop has taken changes: before the tick that answers this sample.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Taken {
-    /// All up to this number that were not reported before.
-    pub(super) up_to: u64,
+    /// All policies up to this number that were not reported before.
+    pub(super) policies: u64,
+    /// All set-points up to this number that were not reported before.
+    pub(super) set_points: u64,
     pub(super) at: RunTick,
 }
 
@@ -53,9 +55,10 @@ pub struct NodeLoop {
     snapshot: Input<Snapshot>,
     /// Sequence number of the last tick.
     seq: u32,
-    /// Numbers of the latest policy taken and of the latest reported.
+    /// Numbers of the latest policy and of the latest set-point taken, and of those reported.
     latest: u64,
-    reported: u64,
+    latest_set_point: u64,
+    reported: (u64, u64),
     policy: Option<PolicyReport<'static>>,
     in_force: u64,
     since: Option<RunTick>,
@@ -75,7 +78,8 @@ impl NodeLoop {
             snapshot,
             seq: 0,
             latest: 0,
-            reported: 0,
+            latest_set_point: 0,
+            reported: (0, 0),
             policy: None,
             in_force: 0,
             since: None,
@@ -93,12 +97,15 @@ impl NodeLoop {
         let command = self.node.tick(self.seq, sample);
         let at =
             sample.map(|sample| RunTick { run_id: sample.header.run_id, seq: sample.header.seq });
+        let latest = (self.latest, self.latest_set_point);
         if let Some(at) = at
-            && self.reported != self.latest
+            && self.reported != latest
         {
-            // There is room: each change needs one place at most.
-            let _ = self.taken.push(Taken { up_to: self.latest, at });
-            self.reported = self.latest;
+            // There is room: each change needs one place at most, and the server empties the ring
+            // before each change.
+            let (policies, set_points) = latest;
+            let _ = self.taken.push(Taken { policies, set_points, at });
+            self.reported = latest;
         }
         self.publish(at);
         command
@@ -110,7 +117,10 @@ impl NodeLoop {
         while let Ok(change) = self.changes.pop() {
             match change {
                 // The server has checked it.
-                Change::SetPoint(set_point_m_s) => drop(self.node.set_point(set_point_m_s)),
+                Change::SetPoint { number, set_point_m_s } => {
+                    let _ = self.node.set_point(set_point_m_s);
+                    self.latest_set_point = number;
+                }
                 Change::RunPolicy { number, slot, policy } => {
                     self.node.run_policy(slot, &policy);
                     self.latest = number;

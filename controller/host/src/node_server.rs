@@ -14,7 +14,7 @@ use super::memory_store::MemoryStore;
 use super::node_loop::{CHANGES, Change, NodeLoop, Snapshot, Taken};
 use super::policy_cache::CachedPolicy;
 use super::realtime::LatestReport;
-use super::status::{Crc32, PolicyName, Status, SwapRecord};
+use super::status::{Crc32, PolicyName, SetPointRecord, Status, SwapRecord};
 use leg_control::config::ConfigError;
 use leg_control::serial::endpoint::{Endpoint, RepeatFilter};
 use leg_control::serial::handler::{DeviceInfo, RequestHandler};
@@ -31,6 +31,11 @@ use leg_process::policy_file::PolicyFile;
 const DEVICE: DeviceInfo = DeviceInfo { name: "process", firmware: env!("CARGO_PKG_VERSION") };
 /// Swaps that a report lists.
 const SWAP_LOG: usize = 64;
+/// Set-points that a report lists.
+const SET_POINT_LOG: usize = 64;
+/// Reports of changes that the loop may send between two looks of the server: of those that wait
+/// in its ring, of one more, and of those that it took while no leg was there.
+const TAKEN: usize = CHANGES + 2;
 
 /// Where a status comes from, as far as the node does not know it.
 pub struct StatusSources {
@@ -56,7 +61,8 @@ struct LoopHandle {
     next: Cell<u64>,
     /// Slot of the latest policy.
     slot: Cell<Slot>,
-    set_point_m_s: Cell<Option<f32>>,
+    /// The set-points that were requested, the latest last.
+    set_points: RefCell<VecDeque<SetPointRecord>>,
     /// The policies that were to run, the latest last; the first of them before
     /// the oldest swap that is listed.
     policies: RefCell<VecDeque<SwapRecord>>,
@@ -75,9 +81,14 @@ impl LoopHandle {
 
     /// Enters what the loop has taken into the log.
     fn update_log(&self) {
-        while let Ok(Taken { up_to, at }) = self.taken.borrow_mut().pop() {
+        while let Ok(Taken { policies, set_points, at }) = self.taken.borrow_mut().pop() {
             for record in self.policies.borrow_mut().iter_mut() {
-                if record.number <= up_to && record.number > 0 && record.at.is_none() {
+                if record.number <= policies && record.number > 0 && record.at.is_none() {
+                    record.at = Some(at);
+                }
+            }
+            for record in self.set_points.borrow_mut().iter_mut() {
+                if record.number <= set_points && record.at.is_none() {
                     record.at = Some(at);
                 }
             }
@@ -108,6 +119,25 @@ impl LoopHandle {
         Ok(())
     }
 
+    fn set_point(&self, set_point_m_s: Option<f32>) -> Result<(), RequestError> {
+        check_set_point(set_point_m_s)?;
+        self.update_log();
+        let mut set_points = self.set_points.borrow_mut();
+        let number = set_points.back().map_or(1, |last| last.number + 1);
+        let change = Change::SetPoint { number, set_point_m_s };
+        self.changes.borrow_mut().push(change).map_err(|_| RequestError::Busy)?;
+        set_points.push_back(SetPointRecord { number, set_point_m_s, at: None });
+        if set_points.len() > SET_POINT_LOG {
+            set_points.pop_front();
+        }
+        Ok(())
+    }
+
+    /// Returns the set-point in place of that in the samples, m/s.
+    fn set_point_m_s(&self) -> Option<f32> {
+        self.set_points.borrow().back()?.set_point_m_s
+    }
+
     /// Returns the checksum of the policy with this number; of forgotten ones,
     /// that of the oldest in the log.
     fn crc32(&self, number: u64) -> u32 {
@@ -132,13 +162,7 @@ impl NodeHandle for LoopHandle {
     fn change(&self, change: NodeChange<'_>) -> Result<(), RequestError> {
         match change {
             NodeChange::Reset(..) | NodeChange::SetMode(_) => Err(RequestError::InSession),
-            NodeChange::SetPoint(set_point_m_s) => {
-                check_set_point(set_point_m_s)?;
-                let change = Change::SetPoint(set_point_m_s);
-                self.changes.borrow_mut().push(change).map_err(|_| RequestError::Busy)?;
-                self.set_point_m_s.set(set_point_m_s);
-                Ok(())
-            }
+            NodeChange::SetPoint(set_point_m_s) => self.set_point(set_point_m_s),
             NodeChange::RunPolicy(slot, policy) => self.run_policy(slot, policy),
             NodeChange::CountRepeated => Ok(()),
         }
@@ -175,7 +199,7 @@ impl NodeServer {
         sources: StatusSources,
     ) -> Result<(NodeLoop, Self), ConfigError> {
         let (changes, to_take) = RingBuffer::new(CHANGES);
-        let (to_report, taken) = RingBuffer::new(CHANGES);
+        let (to_report, taken) = RingBuffer::new(TAKEN);
         let mut control_node = ControlNode::new();
         let session =
             node::SessionParams { rate_hz: params.rate_hz, gravity_m_s2: params.gravity_m_s2 };
@@ -193,7 +217,7 @@ impl NodeServer {
             sources,
             next: Cell::new(0),
             slot: Cell::new(Slot::A),
-            set_point_m_s: Cell::new(None),
+            set_points: RefCell::new(VecDeque::new()),
             policies: RefCell::new(VecDeque::new()),
         };
         let store = MemoryStore::new(policy, file);
@@ -290,6 +314,12 @@ impl NodeServer {
         self.handler.store().describe(self.node.crc32(self.node.snapshot().in_force))
     }
 
+    /// Returns the set-point in force in place of that in the samples, m/s.
+    #[must_use]
+    pub fn set_point_m_s(&self) -> Option<f32> {
+        self.node.set_point_m_s()
+    }
+
     /// Returns the status of the process.
     pub fn status(&mut self) -> Status {
         self.node.update_log();
@@ -314,11 +344,13 @@ impl NodeServer {
             swaps: in_force,
             last: status.run.last,
             ticks: status.run.counts.ticks - status.run.counts.missed,
-            set_point_m_s: self.node.set_point_m_s.get(),
+            set_point_m_s: self.node.set_point_m_s(),
             apexes: status.run.apexes,
             rejected: status.run.rejected,
             peer: (self.node.sources.peer)(),
             swap_log: log.iter().skip(1).copied().collect(),
+            before_swaps: log.front().map(|record| record.crc32),
+            set_point_log: self.node.set_points.borrow().iter().copied().collect(),
             timing: self.node.sources.timing.as_ref().map(LatestReport::get),
         }
     }

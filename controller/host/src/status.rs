@@ -76,7 +76,8 @@ pub struct Status {
     pub last: Option<RunTick>,
     /// Samples answered since the process began.
     pub ticks: u64,
-    /// The set-point in place of that in the samples, m/s.
+    /// The set-point in force in place of that in the samples, m/s: of all runs, until another
+    /// request.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub set_point_m_s: Option<f32>,
     /// Apexes of this run.
@@ -88,6 +89,12 @@ pub struct Status {
     /// The latest swaps, oldest first.
     #[serde(default)]
     pub swap_log: Vec<SwapRecord>,
+    /// The policy before the oldest of these swaps.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub before_swaps: Option<Crc32>,
+    /// The latest requests for another set-point, oldest first.
+    #[serde(default)]
+    pub set_point_log: Vec<SetPointRecord>,
     /// In real time: the loop's own figures.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub timing: Option<LoopReport>,
@@ -101,6 +108,17 @@ pub struct SwapRecord {
     pub number: u64,
     /// CRC-32 of the policy.
     pub crc32: Crc32,
+    /// The first tick with a sample after the order; `None` until then.
+    pub at: Option<RunTick>,
+}
+
+/// A set-point in place of that in the samples, as the control loop took it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SetPointRecord {
+    /// Its number, from 1.
+    pub number: u64,
+    /// The set-point, m/s; `None` returns to that in the samples.
+    pub set_point_m_s: Option<f32>,
     /// The first tick with a sample after the order; `None` until then.
     pub at: Option<RunTick>,
 }

@@ -163,6 +163,50 @@ fn the_set_point_of_a_request_replaces_that_of_the_samples() {
     }
 }
 
+/// A recorder needs the ticks to repeat the run, and the runs before may have left a set-point.
+#[test]
+fn a_set_point_is_logged_with_its_tick_and_stays_in_force_in_the_next_run() {
+    let (mut node, mut server) = open();
+    let request = |server: &mut NodeServer, set_point_m_s: Option<f32>| {
+        let request = Request::SetPoint(set_point_m_s);
+        let mut filter = RepeatFilter::default();
+        assert_eq!(server.answer(1, &request, &mut filter, &LineCounts::ZERO), Reply::Done);
+    };
+    let at = |run_id, seq| Some(RunTick { run_id, seq });
+    node.tick(Some(&hopping(7, 0)));
+    request(&mut server, Some(0.5));
+    request(&mut server, Some(0.25));
+    assert_eq!(server.status().set_point_log[1].at, None);
+    node.tick(None);
+    node.tick(Some(&hopping(7, 1)));
+    request(&mut server, Some(1.0));
+    node.restart();
+    node.tick(Some(&hopping(8, 0)));
+    let status = server.status();
+    let log: Vec<_> =
+        status.set_point_log.iter().map(|r| (r.number, r.set_point_m_s, r.at)).collect();
+    let expected = [(1, Some(0.5), at(7, 1)), (2, Some(0.25), at(7, 1)), (3, Some(1.0), at(8, 0))];
+    assert_eq!(log, expected);
+    assert_eq!((status.set_point_m_s, server.set_point_m_s()), (Some(1.0), Some(1.0)));
+
+    // However many come while no leg is there, and between two looks at the log.
+    for round in 0..200 {
+        for _ in 0..CHANGES {
+            request(&mut server, Some(0.0));
+        }
+        if round % 2 == 0 {
+            node.idle();
+        }
+        node.tick(Some(&hopping(8, 1 + round)));
+    }
+    request(&mut server, None);
+    node.tick(Some(&hopping(8, 201)));
+    let status = server.status();
+    assert_eq!(status.set_point_log.len(), SET_POINT_LOG);
+    assert!(status.set_point_log.iter().all(|record| record.at.is_some()));
+    assert_eq!((status.set_point_m_s, status.set_point_log[63].at), (None, at(8, 201)));
+}
+
 #[test]
 fn a_client_cannot_reset_a_process_or_set_its_mode() {
     let (_node, mut server) = open();
