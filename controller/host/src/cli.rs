@@ -21,13 +21,13 @@ use std::time::Duration;
 use super::bench::{self, BenchError};
 use super::discovery::{DEFAULT_DOMAIN, DomainError};
 use super::link::{LinkError, Role, TimeMode};
+use super::node_loop::RunResult;
 use super::policy_cache::PolicyCacheError;
 use super::realtime::LoopReport;
 use super::realtime::args::RealTimeArgs;
 use super::serve::ServeError;
 use super::shm::ConnectError;
 use leg_control::config::ConfigError;
-use leg_control::guard::Counts;
 use leg_control::policy::Manifest;
 use leg_process::policy_file::PolicyFileError;
 use leg_process::stderr;
@@ -190,18 +190,16 @@ impl From<DomainError> for CliError {
     }
 }
 
-/// The result of a run.
+/// The result of a run, or the total of all runs in real time.
 #[derive(Clone, Debug)]
 pub struct Summary {
     /// Name of the policy.
     pub policy: String,
-    /// Number of samples answered.
-    pub ticks: u64,
-    /// Number of apexes in the last run.
-    pub apexes: u32,
-    /// Samples that the guard rejected in the last run.
-    pub counts: Counts,
-    /// Timing of the loop, in real time.
+    /// Samples answered, apexes, and samples that the guard rejected.
+    pub result: RunResult,
+    /// Whether this is the total of a controller that serves any number of runs.
+    pub is_total: bool,
+    /// Timing of the loop in real time, over all runs.
     pub real_time: Option<LoopReport>,
 }
 
@@ -212,10 +210,12 @@ impl Summary {
     pub fn json(&self) -> serde_json::Value {
         serde_json::json!({
             "policy": self.policy,
-            "ticks": self.ticks,
-            "apexes": self.apexes,
-            "rejected": self.counts.rejected(),
-            "safe_entered": self.counts.safe_entered,
+            "is_total": self.is_total,
+            "runs": self.result.runs,
+            "ticks": self.result.ticks,
+            "apexes": self.result.apexes,
+            "rejected": self.result.counts.rejected(),
+            "safe_entered": self.result.counts.safe_entered,
             "loop": self.real_time,
         })
     }
@@ -223,9 +223,13 @@ impl Summary {
 
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { policy, ticks, apexes, counts, real_time } = self;
+        let Self { policy, result, is_total, real_time } = self;
+        let RunResult { runs, ticks, apexes, counts } = result;
         if let Some(report) = real_time {
             writeln!(f, "{report}")?;
+        }
+        if *is_total {
+            write!(f, "total of {runs} runs: ")?;
         }
         write!(f, "policy {policy}: {ticks} ticks, {apexes} apexes, ")?;
         write!(f, "{} samples rejected", counts.rejected())?;

@@ -8,6 +8,7 @@ use rtrb::{Consumer, Producer};
 use triple_buffer::Input;
 
 use super::realtime::Control;
+use leg_control::guard::Counts;
 use leg_control::policy::Policy;
 use leg_control::serial::message::{PolicyReport, RunTick, Slot};
 use leg_control::serial::node::{ControlNode, NodeStatus};
@@ -46,6 +47,54 @@ pub(super) struct Snapshot {
     pub(super) since: Option<RunTick>,
 }
 
+/// What came of a run, or of several.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RunResult {
+    /// Number of runs.
+    pub runs: u64,
+    /// Samples answered.
+    pub ticks: u64,
+    /// Apexes.
+    pub apexes: u64,
+    /// What the guard rejected.
+    pub counts: Counts,
+}
+
+impl RunResult {
+    /// Adds the result of another run.
+    pub fn add(&mut self, other: &Self) {
+        let (a, b) = (&self.counts, &other.counts);
+        *self = Self {
+            runs: self.runs + other.runs,
+            ticks: self.ticks + other.ticks,
+            apexes: self.apexes + other.apexes,
+            counts: Counts {
+                missing: a.missing.saturating_add(b.missing),
+                version: a.version.saturating_add(b.version),
+                non_finite: a.non_finite.saturating_add(b.non_finite),
+                out_of_range: a.out_of_range.saturating_add(b.out_of_range),
+                no_contact_sense: a.no_contact_sense.saturating_add(b.no_contact_sense),
+                old_run: a.old_run.saturating_add(b.old_run),
+                stale: a.stale.saturating_add(b.stale),
+                out_of_order: a.out_of_order.saturating_add(b.out_of_order),
+                gap: a.gap.saturating_add(b.gap),
+                safe_entered: a.safe_entered.saturating_add(b.safe_entered),
+                set_points_refused: a.set_points_refused.saturating_add(b.set_points_refused),
+            },
+        };
+    }
+}
+
+/// The run in progress.
+#[derive(Clone, Copy, Debug, Default)]
+struct CurrentRun {
+    run_id: u32,
+    ticks: u64,
+    apexes: u32,
+    /// Ticks that the guard has rejected.
+    rejected: u32,
+}
+
 /// A control node that takes changes from beside its loop. Call it once a tick.
 #[derive(Debug)]
 pub struct NodeLoop {
@@ -53,6 +102,10 @@ pub struct NodeLoop {
     changes: Consumer<Change>,
     taken: Producer<Taken>,
     snapshot: Input<Snapshot>,
+    /// The runs that have ended.
+    ended: Producer<RunResult>,
+    run: CurrentRun,
+    total: RunResult,
     /// Sequence number of the last tick.
     seq: u32,
     /// Numbers of the latest policy and of the latest set-point taken, and of those reported.
@@ -70,12 +123,16 @@ impl NodeLoop {
         changes: Consumer<Change>,
         taken: Producer<Taken>,
         snapshot: Input<Snapshot>,
+        ended: Producer<RunResult>,
     ) -> Self {
         let mut this = Self {
             node,
             changes,
             taken,
             snapshot,
+            ended,
+            run: CurrentRun::default(),
+            total: RunResult::default(),
             seq: 0,
             latest: 0,
             latest_set_point: 0,
@@ -94,7 +151,7 @@ impl NodeLoop {
     pub fn tick(&mut self, sample: Option<&Sample>) -> Command {
         self.take_changes();
         self.seq = self.seq.wrapping_add(1);
-        let command = self.node.tick(self.seq, sample);
+        let command = self.tick_of_run(sample);
         let at =
             sample.map(|sample| RunTick { run_id: sample.header.run_id, seq: sample.header.seq });
         let latest = (self.latest, self.latest_set_point);
@@ -109,6 +166,51 @@ impl NodeLoop {
         }
         self.publish(at);
         command
+    }
+
+    /// Runs one tick of the law, and counts it in its run. A sample of another run that the guard
+    /// accepts ends the run before.
+    fn tick_of_run(&mut self, sample: Option<&Sample>) -> Command {
+        let is_other = |sample: &&Sample| sample.header.run_id != self.run.run_id;
+        let before = sample.filter(is_other).and_then(|_| self.result_of_run());
+        let command = self.node.tick(self.seq, sample);
+        if let Some(sample) = sample {
+            let is_accepted = command.rejected <= self.run.rejected;
+            if is_accepted && sample.header.run_id != self.run.run_id {
+                self.close_run(before);
+                self.run.run_id = sample.header.run_id;
+            }
+            self.run.ticks += 1;
+        }
+        (self.run.apexes, self.run.rejected) = (command.apexes, command.rejected);
+        command
+    }
+
+    /// Returns the result of the run in progress, if it has had a tick.
+    #[must_use]
+    pub fn result_of_run(&self) -> Option<RunResult> {
+        let CurrentRun { ticks, apexes, .. } = self.run;
+        let counts = self.controller().map(|controller| *controller.counts()).unwrap_or_default();
+        (ticks > 0).then_some(RunResult { runs: 1, ticks, apexes: apexes.into(), counts })
+    }
+
+    fn close_run(&mut self, result: Option<RunResult>) {
+        if let Some(result) = result {
+            self.total.add(&result);
+            // Where nobody reads them there is no room, and nothing is lost.
+            let _ = self.ended.push(result);
+        }
+        self.run = CurrentRun::default();
+    }
+
+    /// Returns the result of all runs so far.
+    #[must_use]
+    pub fn total(&self) -> RunResult {
+        let mut total = self.total;
+        if let Some(result) = self.result_of_run() {
+            total.add(&result);
+        }
+        total
     }
 
     /// Takes the changes that wait; also between two runs, where a policy takes
@@ -132,8 +234,14 @@ impl NodeLoop {
     /// Forgets the run and keeps the policy; one that waits for an apex runs.
     pub fn restart(&mut self) {
         self.take_changes();
+        self.end_run();
         self.node.end_run();
         self.publish(None);
+    }
+
+    /// Counts the run in progress among those that have ended.
+    pub fn end_run(&mut self) {
+        self.close_run(self.result_of_run());
     }
 
     /// Takes the changes that wait while no leg is there.

@@ -11,7 +11,7 @@ use triple_buffer::{Output, triple_buffer};
 
 use super::link::{PeerStatus, SessionParams, TimeMode};
 use super::memory_store::MemoryStore;
-use super::node_loop::{CHANGES, Change, NodeLoop, Snapshot, Taken};
+use super::node_loop::{CHANGES, Change, NodeLoop, RunResult, Snapshot, Taken};
 use super::policy_cache::CachedPolicy;
 use super::realtime::LatestReport;
 use super::status::{Crc32, PolicyName, SetPointRecord, Status, SwapRecord};
@@ -36,6 +36,9 @@ const SET_POINT_LOG: usize = 64;
 /// Reports of changes that the loop may send between two looks of the server: of those that wait
 /// in its ring, of one more, and of those that it took while no leg was there.
 const TAKEN: usize = CHANGES + 2;
+
+/// Runs that may end between two looks of a reader.
+const ENDED_RUNS: usize = 64;
 
 /// Where a status comes from, as far as the node does not know it.
 pub struct StatusSources {
@@ -179,6 +182,7 @@ impl NodeHandle for LoopHandle {
 pub struct NodeServer {
     handler: RequestHandler<MemoryStore>,
     node: LoopHandle,
+    ended: Consumer<RunResult>,
     params: SessionParams,
     /// The last report, as JSON.
     report: Vec<u8>,
@@ -223,10 +227,12 @@ impl NodeServer {
         let store = MemoryStore::new(policy, file);
         // The policy is there, so there is no alarm.
         let (handler, _) = RequestHandler::power_up(DEVICE, store, &handle);
-        let node_loop = NodeLoop::new(control_node, to_take, to_report, input);
+        let (to_end, ended) = RingBuffer::new(ENDED_RUNS);
+        let node_loop = NodeLoop::new(control_node, to_take, to_report, input, to_end);
         let server = Self {
             handler,
             node: handle,
+            ended,
             params,
             report: Vec::new(),
             seen_in_force: 0,
@@ -297,6 +303,11 @@ impl NodeServer {
         Ok(self.handler.store().describe(crc32))
     }
 
+    /// Returns the result of a run that has ended since the last call, oldest first.
+    pub fn ended_run(&mut self) -> Option<RunResult> {
+        self.ended.pop().ok()
+    }
+
     /// Returns a message when another policy has taken over since the last call.
     pub fn news(&mut self) -> Option<String> {
         self.node.update_log();
@@ -310,7 +321,9 @@ impl NodeServer {
         Some(format!("the policy {name} ({crc32}, {file}) has taken over{at}"))
     }
 
-    fn in_force(&self) -> PolicyName {
+    /// Returns the policy in force.
+    #[must_use]
+    pub fn in_force(&self) -> PolicyName {
         self.handler.store().describe(self.node.crc32(self.node.snapshot().in_force))
     }
 

@@ -9,7 +9,7 @@ use leg_host::realtime::{RxStatus, TickObserver};
 
 use super::misuse;
 use crate::record::schema::{Config, End, Loop, Policy as PolicyMessage};
-use crate::record::{OnFull, PolicyPoller, RecordError, RecordTap, Recorder};
+use crate::record::{ChangePoller, OnFull, RecordError, RecordTap, Recorder};
 use crate::scenario::{Scenario, Settings};
 use crate::session::{Hooks, Options, Outcome, TickRecord};
 
@@ -20,7 +20,7 @@ pub(super) struct Recording(Option<Active>);
 #[derive(Debug)]
 struct Active {
     tap: RecordTap,
-    policies: Option<PolicyPoller>,
+    changes: Option<ChangePoller>,
     recorder: Recorder,
 }
 
@@ -40,7 +40,7 @@ impl Recording {
             TimeMode::RealTime => OnFull::Drop,
         };
         let (recorder, tap) = Recorder::begin(path, &config, on_full).map_err(misuse)?;
-        Ok(Self(Some(Active { tap, policies: None, recorder })))
+        Ok(Self(Some(Active { tap, changes: None, recorder })))
     }
 
     /// Records the policy of a controller in this process.
@@ -51,11 +51,11 @@ impl Recording {
         }
     }
 
-    /// Starts to poll the controller in `domain` for the policies of a run.
-    pub(super) fn poll_policies(&mut self, domain: &str, run_id: u32) {
+    /// Starts to poll the controller in `domain` for the policies and set-points of a run.
+    pub(super) fn poll_changes(&mut self, domain: &str, run_id: u32) {
         if let Some(active) = &mut self.0 {
             let sink = active.recorder.sink();
-            active.policies = Some(PolicyPoller::begin(domain, run_id, sink));
+            active.changes = Some(ChangePoller::begin(domain, run_id, sink));
         }
     }
 
@@ -82,8 +82,8 @@ impl Recording {
         self,
         outcome: Result<&Outcome, &anyhow::Error>,
     ) -> Result<(), RecordError> {
-        let Some(Active { policies, recorder, .. }) = self.0 else { return Ok(()) };
-        drop(policies);
+        let Some(Active { changes, recorder, .. }) = self.0 else { return Ok(()) };
+        drop(changes);
         let end = match outcome {
             Ok(outcome) => End::of(outcome),
             Err(error) => End::broken_off(error),
@@ -103,5 +103,11 @@ impl Recording {
 impl Hooks for Recording {
     fn observe(&mut self, tick: &TickRecord<'_>) {
         self.push(tick);
+    }
+
+    fn before_end(&mut self) {
+        if let Some(active) = &mut self.0 {
+            active.changes = None;
+        }
     }
 }

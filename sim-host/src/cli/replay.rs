@@ -10,7 +10,8 @@ use super::{hint, misuse};
 use crate::replay::{self, ReplayError};
 
 /// Feeds the samples of a recording to a controller and compares its commands
-/// with the recorded ones bit for bit. Exit status 0 if they are equal, 1 if not.
+/// with the recorded ones bit for bit. Exit status 0 if all are equal, 1 if one differs
+/// or a part could not be compared.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// Recording made by `sim-host run --record`.
@@ -36,7 +37,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     } else {
         stdout::print_line(&report)?;
     }
-    Ok(if report.equal { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    Ok(if report.is_the_same() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 /// Adds the option that helps; the caller can correct every error of a replay.

@@ -16,6 +16,7 @@ use super::recording::Recording;
 use crate::scenario::{Scenario, Settings};
 use crate::session::TickRecord;
 use crate::session::child::ControllerArgs;
+use crate::session::hooks::Observe;
 use crate::session::two_processes::{self, ConnectOptions, new_run_id};
 use crate::shore::track::ApexMark;
 use crate::shore::{TrackRecorder, picture};
@@ -59,19 +60,21 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let mut recorder = TrackRecorder::default();
     let stop = Stop::on_signals()?;
     let connect = connect_options(args, &scenario);
-    recording.poll_policies(&connect.domain, connect.run_id);
+    recording.poll_changes(&connect.domain, connect.run_id);
     let outcome = two_processes::run_lock_step(
         &scenario,
         &connect,
         &stop,
         |_| (),
-        |tick| {
-            recording.push(tick);
-            let apex = recorder.observe(tick);
-            if let Some(progress) = &mut progress {
-                progress.tick(tick, apex);
-            }
-        },
+        &mut (
+            &mut recording,
+            Observe(|tick: &TickRecord| {
+                let apex = recorder.observe(tick);
+                if let Some(progress) = &mut progress {
+                    progress.tick(tick, apex);
+                }
+            }),
+        ),
     );
     let outcome = outcome.map_err(anyhow::Error::from);
     let recorded = recording.finish(outcome.as_ref());

@@ -7,7 +7,7 @@
 use std::path::{Path, PathBuf};
 
 use super::read::{ReadError, Reader, TimedMessage};
-use super::schema::{AnyMessage, Channel, Config, PROFILE, Policy};
+use super::schema::{AnyMessage, Channel, Config, PROFILE, Policy, SetPoint};
 
 /// Most messages that are sorted in memory: 4 GB.
 const MAX_SORTED: u64 = 20_000_000;
@@ -21,6 +21,8 @@ pub struct Contents {
     configs: Vec<Config>,
     /// Every policy that differs from the others.
     pub policies: Vec<Policy>,
+    /// Every set-point of a request that differs from the others.
+    pub set_points: Vec<SetPoint>,
     /// Log time, ns, run id and number of the first tick.
     first: Option<(u64, u32, u64)>,
     /// Number of samples.
@@ -46,6 +48,7 @@ impl Contents {
             profile: reader.profile().to_owned(),
             configs: Vec::new(),
             policies: Vec::new(),
+            set_points: Vec::new(),
             first: None,
             ticks: 0,
             commands: 0,
@@ -77,6 +80,9 @@ impl Contents {
             }
             AnyMessage::Policy(policy) if !self.policies.contains(&policy) => {
                 self.policies.push(policy);
+            }
+            AnyMessage::SetPoint(set_point) if !self.set_points.contains(&set_point) => {
+                self.set_points.push(set_point);
             }
             AnyMessage::Sample(sample) => {
                 let this = (log_time_ns, sample.run_id, sample.seq);

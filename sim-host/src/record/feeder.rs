@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use rtrb::Consumer;
 
 use super::pipe::{self, FrameBuffer};
-use super::schema::{End, Loop, Policy};
+use super::schema::{End, Loop, Policy, SetPoint};
 use super::tap::{RingEntry, RingState};
 use super::translate::Translator;
 use super::writer_process::{DONE, FAILED};
@@ -33,6 +33,7 @@ const FINISH_TIMEOUT: Duration = Duration::from_mins(1);
 #[derive(Debug)]
 pub(super) enum SideMessage {
     Policy(Policy),
+    SetPoint(SetPoint),
     Loop(Loop),
     End(End),
 }
@@ -82,6 +83,9 @@ impl Feeder {
             while let Ok(message) = self.side.try_recv() {
                 match message {
                     SideMessage::Policy(policy) => self.translator.policy(&policy, &mut frames),
+                    SideMessage::SetPoint(set_point) => {
+                        self.translator.set_point(&set_point, &mut frames);
+                    }
                     SideMessage::Loop(timing) => self.translator.timing(&timing, &mut frames),
                     SideMessage::End(message) => end = Some(message),
                 }

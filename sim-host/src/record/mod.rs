@@ -15,11 +15,11 @@
 //! in lock-step waits ([`OnFull`]). Replay and plot read a recording by
 //! [`contents`].
 
+mod change_poller;
 pub mod config;
 pub mod contents;
 mod feeder;
 mod pipe;
-mod policy_poller;
 pub mod read;
 mod recorder;
 pub mod schema;
@@ -27,7 +27,7 @@ mod tap;
 mod translate;
 mod writer_process;
 
-pub use policy_poller::PolicyPoller;
+pub use change_poller::ChangePoller;
 pub use recorder::{RecordError, RecordSink, RecordSummary, Recorder};
 pub use tap::{OnFull, RecordTap};
 pub use writer_process::main as writer_process;

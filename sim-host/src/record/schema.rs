@@ -85,6 +85,7 @@ channels! {
     Apex = "/apex",
     Event = "/event",
     Policy = "/policy",
+    SetPoint = "/set_point",
     Config = "/config",
     Loop = "/loop",
     End = "/end",

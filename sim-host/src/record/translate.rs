@@ -1,7 +1,9 @@
 //! Converts ticks and events to the messages of a recording.
 
 use super::pipe::FrameBuffer;
-use super::schema::{Apex, Command, Event, EventKind, Loop, Phase, Policy, Sample, State};
+use super::schema::{
+    Apex, Command, Event, EventKind, Loop, Phase, Policy, Sample, SetPoint, State,
+};
 use super::tap::{RingEntry, TickCopy};
 
 /// Converts the entries of the ring to messages, in their order.
@@ -132,6 +134,11 @@ impl Translator {
     /// Adds a policy at the tick before which the controller received it.
     pub(super) fn policy(&self, policy: &Policy, frames: &mut FrameBuffer) {
         frames.add(self.tick_time_ns(policy.seq), policy);
+    }
+
+    /// Adds a set-point at the tick before which the controller received it.
+    pub(super) fn set_point(&self, set_point: &SetPoint, frames: &mut FrameBuffer) {
+        frames.add(self.tick_time_ns(set_point.seq), set_point);
     }
 
     /// Adds the timing of a tick.

@@ -11,11 +11,12 @@
 use std::collections::VecDeque;
 
 use leg_control::policy::Policy;
-use leg_control::wire::{Command, Sample};
+use leg_control::wire::{Command, Header, Sample};
 use leg_control::wire_controller::WireController;
 
 use super::compare::{Difference, difference};
 use super::source::Answer;
+use crate::record::schema::SetPoint;
 
 /// Most controller states kept. In flight an additional sample changes a command
 /// only at the next apex, so each unanswered sample doubles the number of states
@@ -38,6 +39,41 @@ pub(super) struct Swap<'a> {
     pub(super) at: (u32, u64),
     /// `None` if the recording does not contain the policy.
     pub(super) policy: Option<Policy<'a>>,
+}
+
+/// The set-points of requests to the controller, each from a tick on, by run id and tick.
+#[derive(Clone, Debug, Default)]
+pub(super) struct SetPoints(Vec<((u32, u64), Option<f32>)>);
+
+impl SetPoints {
+    pub(super) fn of(recorded: &[SetPoint]) -> Self {
+        let mut all: Vec<_> = recorded
+            .iter()
+            .map(|s| ((s.run_id, s.seq), s.is_set.then_some(s.set_point_m_s)))
+            .collect();
+        all.sort_by_key(|(at, _)| *at);
+        Self(all)
+    }
+
+    /// Returns the set-point in place of that in the sample with this header, m/s.
+    fn at(&self, header: &Header) -> Option<f32> {
+        let now = (header.run_id, header.seq);
+        let count = self.0.partition_point(|(at, _)| *at <= now);
+        self.0[..count].last()?.1
+    }
+
+    /// Runs one tick as the recorded controller did, or one without a sample, after the sample
+    /// with the header `last`.
+    fn tick(
+        &self,
+        controller: &mut WireController<'_>,
+        sample: Option<&Sample>,
+        last: &Header,
+    ) -> Command {
+        let header = sample.map_or(last, |sample| &sample.header);
+        let set_point_m_s = self.at(header).or(sample.map(|sample| sample.set_point_m_s));
+        controller.tick_at(sample, set_point_m_s)
+    }
 }
 
 /// Why the recorded commands cannot be reproduced.
@@ -67,22 +103,28 @@ pub(super) struct ReplayController<'a> {
     /// The states that explain the recording so far, the most likely first.
     candidates: Vec<WireController<'a>>,
     swaps: VecDeque<Swap<'a>>,
+    set_points: SetPoints,
     /// Some states were discarded.
     is_pruned: bool,
 }
 
 impl<'a> ReplayController<'a> {
-    pub(super) fn new(fresh: WireController<'a>, swaps: VecDeque<Swap<'a>>) -> Self {
-        Self { candidates: vec![fresh.clone()], fresh, swaps, is_pruned: false }
+    pub(super) fn new(
+        fresh: WireController<'a>,
+        swaps: VecDeque<Swap<'a>>,
+        set_points: SetPoints,
+    ) -> Self {
+        Self { candidates: vec![fresh.clone()], fresh, swaps, set_points, is_pruned: false }
     }
 
     /// Returns the command of a controller that received every sample.
     pub(super) fn command(&mut self, answer: &Answer) -> Command {
         let controller = &mut self.candidates[0];
+        let header = &answer.sample.header;
         for sample in &answer.unanswered {
-            controller.tick(Some(sample));
+            self.set_points.tick(controller, Some(sample), header);
         }
-        controller.tick(Some(&answer.sample))
+        self.set_points.tick(controller, Some(&answer.sample), header)
     }
 
     /// Advances to the recorded answer.
@@ -95,7 +137,7 @@ impl<'a> ReplayController<'a> {
         let mut tries = 0;
         'all: for controller in &self.candidates {
             for received in plausible_subsets(&answer.unanswered) {
-                let found = explanations(controller, &received, answer);
+                let found = explanations(controller, &self.set_points, &received, answer);
                 next.extend(found.after);
                 tries += found.tries;
                 self.is_pruned |= !found.is_complete;
@@ -137,7 +179,8 @@ impl<'a> ReplayController<'a> {
     /// that explains the command.
     fn restarted(&self, answer: &Answer) -> Option<WireController<'a>> {
         let mut controller = self.fresh.clone();
-        let replayed = controller.tick(Some(&answer.sample));
+        let sample = &answer.sample;
+        let replayed = self.set_points.tick(&mut controller, Some(sample), &sample.header);
         difference(&answer.command, &replayed).is_none().then_some(controller)
     }
 }
@@ -157,6 +200,7 @@ struct Explanations<'a> {
 /// been. In lock-step there are none.
 fn explanations<'a>(
     controller: &WireController<'a>,
+    set_points: &SetPoints,
     received: &[&Sample],
     answer: &Answer,
 ) -> Explanations<'a> {
@@ -167,12 +211,14 @@ fn explanations<'a>(
     let play = |empty: &[u32]| {
         let mut controller = controller.clone();
         let mut replayed = Command::default();
+        let mut last = received.first().map_or(answer.sample.header, |sample| sample.header);
         for (i, count) in empty.iter().enumerate() {
             for _ in 0..*count {
-                replayed = controller.tick(None);
+                replayed = set_points.tick(&mut controller, None, &last);
             }
             if let Some(sample) = samples().nth(i) {
-                replayed = controller.tick(Some(sample));
+                last = sample.header;
+                replayed = set_points.tick(&mut controller, Some(sample), &last);
             }
         }
         (controller, replayed)
@@ -251,7 +297,7 @@ fn plausible_subsets(unanswered: &[Sample]) -> Vec<Vec<&Sample>> {
 mod tests {
     use leg_control::config::Config;
     use leg_control::policy::SHIPPED;
-    use leg_control::wire::{Header, WIRE_VERSION, flags};
+    use leg_control::wire::{WIRE_VERSION, flags};
 
     use super::*;
 
@@ -296,7 +342,8 @@ mod tests {
             [None, Some(0), None, Some(2)],
         ] {
             let mut recorded = fresh();
-            let mut replayed = ReplayController::new(fresh(), VecDeque::new());
+            let mut replayed =
+                ReplayController::new(fresh(), VecDeque::new(), SetPoints::default());
             // The answers to the first samples were lost.
             let mut command = Command::default();
             for tick in ticks {

@@ -23,7 +23,7 @@ use crate::record::read::ReadError;
 use crate::record::schema::{Channel, Config};
 
 pub use compare::{Difference, difference};
-use controller::{Divergence, ReplayController, Swap};
+use controller::{Divergence, ReplayController, SetPoints, Swap};
 pub use report::{ApexComparison, ReplayReport};
 pub use source::{Answer, Source};
 
@@ -106,7 +106,9 @@ pub fn replay(path: &Path, other: Option<&PolicyFile>) -> Result<ReplayReport, R
         return Err(ReplayError::NoPolicy(path.to_owned()));
     };
     let mut report = ReplayReport::new(path, &contents, first.manifest().name, other.is_some())?;
-    let mut controller = ReplayController::new(WireController::new(first, config), swaps);
+    let set_points = SetPoints::of(&contents.set_points);
+    let fresh = WireController::new(first, config);
+    let mut controller = ReplayController::new(fresh, swaps, set_points);
     let mut source = Source::open(&contents)?;
     while let Some(answer) = source.next_answer()? {
         if let Some(why) = &answer.gap {

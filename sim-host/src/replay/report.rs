@@ -65,6 +65,8 @@ pub struct ReplayReport {
     pub restart_ticks: Vec<u64>,
     /// Why the rest of the recording was not compared.
     pub not_compared: Option<String>,
+    /// Ticks that were not compared for that reason.
+    pub not_compared_ticks: u64,
     /// Decisions at each apex, for another policy.
     pub apexes: Vec<ApexComparison>,
     /// Warnings about the recording.
@@ -94,6 +96,7 @@ impl ReplayReport {
             first_difference: None,
             restart_ticks: Vec::new(),
             not_compared: None,
+            not_compared_ticks: 0,
             apexes: Vec::new(),
             warnings: contents.warning().into_iter().chain(fault_warning(config)).collect(),
             last_apexes: 0,
@@ -146,10 +149,15 @@ impl ReplayReport {
     }
 
     pub(super) fn finish(&mut self) {
-        if let Some(why) = &self.not_compared {
-            let rest = self.ticks.saturating_sub(self.compared + self.unanswered);
-            self.warnings.push(format!("{why}; {rest} of {} ticks are not compared", self.ticks));
+        if self.not_compared.is_some() {
+            self.not_compared_ticks = self.ticks.saturating_sub(self.compared + self.unanswered);
         }
+    }
+
+    /// Returns whether all commands of the recording were compared, and are equal bit for bit.
+    #[must_use]
+    pub fn is_the_same(&self) -> bool {
+        self.equal && self.not_compared.is_none()
     }
 
     fn count(&mut self, answer: &Answer) {
@@ -184,9 +192,10 @@ impl fmt::Display for ReplayReport {
         for tick in &self.restart_ticks {
             writeln!(f, "at tick {tick} the recorded controller restarted without any state")?;
         }
-        match &self.first_difference {
-            None => writeln!(f, "{compared} commands compared: the same, bit for bit")?,
-            Some(first) => {
+        match (&self.first_difference, &self.not_compared) {
+            (None, None) => writeln!(f, "{compared} commands compared: the same, bit for bit")?,
+            (None, Some(_)) => writeln!(f, "{compared} commands are the same, bit for bit")?,
+            (Some(first), _) => {
                 let Difference { tick, field, recorded, replayed } = first;
                 if self.is_other {
                     writeln!(f, "{compared} commands compared, {different} differ")?;
@@ -203,6 +212,10 @@ impl fmt::Display for ReplayReport {
                     recorded.value, recorded.bits, replayed.value, replayed.bits
                 )?;
             }
+        }
+        if let Some(why) = &self.not_compared {
+            let (rest, all) = (self.not_compared_ticks, self.ticks);
+            writeln!(f, "{rest} of {all} ticks are not compared: {why}")?;
         }
         if self.is_other { self.table(f) } else { Ok(()) }
     }

@@ -17,6 +17,9 @@ pub trait Hooks {
     fn steer(&mut self, _leg: &mut Leg<'_>) {}
     /// Called after each tick.
     fn observe(&mut self, _tick: &TickRecord<'_>) {}
+    /// Called in lock-step before the end of the run is announced to the controller, which may
+    /// leave then; may block.
+    fn before_end(&mut self) {}
 }
 
 impl Hooks for () {}
@@ -33,6 +36,9 @@ impl<H: Hooks + ?Sized> Hooks for &mut H {
     }
     fn observe(&mut self, tick: &TickRecord<'_>) {
         (**self).observe(tick);
+    }
+    fn before_end(&mut self) {
+        (**self).before_end();
     }
 }
 
@@ -55,6 +61,11 @@ impl<H: Hooks> Hooks for Option<H> {
             hooks.observe(tick);
         }
     }
+    fn before_end(&mut self) {
+        if let Some(hooks) = self {
+            hooks.before_end();
+        }
+    }
 }
 
 /// Calls both in this order.
@@ -75,6 +86,10 @@ impl<A: Hooks, B: Hooks> Hooks for (A, B) {
     fn observe(&mut self, tick: &TickRecord<'_>) {
         self.0.observe(tick);
         self.1.observe(tick);
+    }
+    fn before_end(&mut self) {
+        self.0.before_end();
+        self.1.before_end();
     }
 }
 

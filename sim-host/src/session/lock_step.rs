@@ -120,6 +120,7 @@ pub(super) fn run_on(
         leg.step(command, round_trip, &mut |tick: &TickRecord| hooks.observe(tick));
     };
     let wall_time_s = start.elapsed().as_secs_f64();
+    hooks.before_end();
     let tick = leg.seq();
     link.send(&leg.end_sample()).map_err(|cause| SessionError::Link { tick, cause })?;
     Ok(leg.outcome(ending, wall_time_s, round_trips))

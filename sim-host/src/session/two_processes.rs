@@ -13,7 +13,7 @@ use leg_host::{Domain, LegLink, SessionParams};
 use leg_process::Stop;
 
 use super::child::{ControllerArgs, ControllerChild};
-use super::leg::TickRecord;
+use super::hooks::Hooks;
 use super::lock_step::{self, Options, SessionError};
 use super::outcome::Outcome;
 use crate::scenario::Scenario;
@@ -104,8 +104,7 @@ pub fn new_run_id() -> u32 {
     (UNIX_EPOCH.elapsed().unwrap_or_default().as_millis() / 10) as u32
 }
 
-/// Plays `scenario` over shared memory in lock-step. `observe` is called at every
-/// tick.
+/// Plays `scenario` over shared memory in lock-step, with hooks.
 ///
 /// If the controller is lost during the run, the run waits for another one as
 /// long as for the first and sends it the same sample again, unless the
@@ -121,12 +120,12 @@ pub fn run_lock_step(
     connect: &ConnectOptions,
     stop: &Stop,
     on_event: impl FnMut(SessionEvent<'_>),
-    observe: impl FnMut(&TickRecord),
+    hooks: &mut impl Hooks,
 ) -> Result<Outcome, PlayError> {
     let options = Options { timeout: connect.timeout, run_id: connect.run_id };
     let (outcome, _) =
         connect_and_run(scenario.session_params(), connect, stop, on_event, |connected| {
-            Ok(lock_step::run(scenario, &mut connected.in_lock_step(), options, observe)?)
+            Ok(lock_step::run_with(scenario, &mut connected.in_lock_step(), options, hooks)?)
         })?;
     Ok(outcome)
 }

@@ -61,6 +61,30 @@ fn two_processes_run_in_real_time_and_report_their_loops() {
 }
 
 #[test]
+fn a_controller_that_stays_reports_each_run_and_their_total() {
+    let place = Place::new();
+    let mut controller = place.staying(&["--real-time", "--json"]);
+    for _ in 0..2 {
+        let run = ["--real-time", "--duration", "0.3", "--timeout", "30"];
+        place.simulator(&run).end().assert_ok();
+    }
+    controller.signal(Signal::TERM);
+    let controller = controller.end();
+    let all: Vec<_> = controller.assert_ok().out.lines().map(json).collect();
+    let [first, second, total] = all.as_slice() else { panic!("{}", controller.out) };
+    for (key, least) in [("runs", 1), ("ticks", 1), ("apexes", 0), ("rejected", 0)] {
+        let of_runs = [count(first, key), count(second, key)];
+        assert!(of_runs.iter().all(|count| *count >= least), "{key}: {}", controller.out);
+        assert_eq!(of_runs.iter().sum::<u64>(), count(total, key), "{key}: {}", controller.out);
+    }
+    let is_total = [first, second, total].map(|line| line["is_total"].as_bool().unwrap());
+    assert_eq!(is_total, [false, false, true]);
+    assert!(first["loop"].is_null() && second["loop"].is_null());
+    assert_eq!(total["ticks"], total["loop"]["received"]);
+    place.assert_clean();
+}
+
+#[test]
 fn in_process_and_spawned_runs_report_both_loops() {
     let place = Place::new();
     let of_run = ["--real-time", "--duration", "0.5", "--spin", "50"];

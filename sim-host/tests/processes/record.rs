@@ -12,7 +12,7 @@ use leg_host::memory::Inline;
 use leg_process::policy_file::AlignedBytes;
 use rustix::process::Signal;
 use sim_host::record::read::Reader;
-use sim_host::record::schema::{AnyMessage, Config, End, Policy as PolicyMessage};
+use sim_host::record::schema::{AnyMessage, Config, End, Policy as PolicyMessage, SetPoint};
 use sim_host::record::{OnFull, Recorder};
 use sim_host::replay::{self, ReplayError};
 use sim_host::scenario::{Scenario, Settings};
@@ -60,6 +60,18 @@ fn record(
     policies: &[PolicyMessage],
     law: impl FnMut(&Sample) -> Command,
 ) -> Vec<(Sample, Command)> {
+    record_with(path, seconds, keep, policies, &[], law)
+}
+
+/// As [`record`], with set-points of requests.
+fn record_with(
+    path: &Path,
+    seconds: u32,
+    keep: impl Fn(u64) -> bool,
+    policies: &[PolicyMessage],
+    set_points: &[SetPoint],
+    law: impl FnMut(&Sample) -> Command,
+) -> Vec<(Sample, Command)> {
     let settings = Settings::from_toml(&format!("duration_s = {seconds}.0")).unwrap();
     let scenario = Scenario::from_settings(&settings).unwrap();
     let config = Config::of(&settings, &scenario, TimeMode::LockStep).unwrap();
@@ -67,6 +79,9 @@ fn record(
         Recorder::begin_with(Path::new(PROGRAM), path, &config, OnFull::Wait).unwrap();
     for policy in policies {
         recorder.sink().policy(policy.clone());
+    }
+    for set_point in set_points {
+        recorder.sink().set_point(*set_point);
     }
     let mut ticks = Vec::new();
     let outcome = lock_step::run(&scenario, &mut Inline::new(law), Options::default(), |tick| {
@@ -389,7 +404,98 @@ fn a_replay_swaps_policies_as_the_run_did() {
     assert!(report.first_difference.is_some_and(|found| found.tick > 1700), "the swap acts");
     let report = replayed(&[first, PolicyMessage { blob: Vec::new(), ..second }]);
     assert_eq!((report.equal, report.compared), (true, 1700));
+    assert_eq!((report.is_the_same(), report.not_compared_ticks), (false, 3300));
     assert!(report.not_compared.is_some_and(|why| why.contains("does not contain")));
+    // What was not compared is not the same.
+    let replayed = place.start("replay", &[text(&path)]).end();
+    let out = &replayed.assert(1, &[] as &[&str]).out;
+    assert!(out.contains("1700 commands are the same, bit for bit"), "{out}");
+    assert!(out.contains("3300 of 5000 ticks are not compared: at tick 1700"), "{out}");
+}
+
+#[test]
+fn a_replay_takes_the_set_points_of_requests_as_the_run_did() {
+    let place = Place::new();
+    let path = place.file("set-points.mcap");
+    let requests = [(0, Some(0.5)), (1700, Some(-0.5)), (3000, None)];
+    let set_point = |(seq, m_s): (u64, Option<f32>)| SetPoint {
+        is_set: m_s.is_some(),
+        set_point_m_s: m_s.unwrap_or_default(),
+        run_id: 1,
+        seq,
+    };
+    let replayed = |set_points: &[SetPoint]| {
+        let mut controller = shipped_controller();
+        let law = |sample: &Sample| {
+            let now = requests.iter().rev().find(|(seq, _)| *seq <= sample.header.seq);
+            let m_s = now.and_then(|(_, m_s)| *m_s).or(Some(sample.set_point_m_s));
+            controller.tick_at(Some(sample), m_s)
+        };
+        record_with(&path, 5, |_| true, &[given(SHIPPED, 0)], set_points, law);
+        replay::replay(&path, None).unwrap()
+    };
+    let all = requests.map(set_point);
+    let report = replayed(&all);
+    assert!(report.is_the_same() && report.compared == 5000, "{report}");
+    // Each of them acts.
+    for missing in &all {
+        let rest: Vec<_> = all.iter().copied().filter(|set_point| set_point != missing).collect();
+        let tick = replayed(&rest).first_difference.map(|found| found.tick);
+        assert!(tick >= Some(missing.seq), "{missing:?}: {tick:?}");
+    }
+}
+
+/// Each policy of the run can be read from the controller, also one that came and went between two
+/// looks of the recorder. A set-point stays in force from run to run.
+#[test]
+fn a_recorded_run_with_requests_replays_to_its_end() {
+    let place = Place::new();
+    let other = place.file("other.bin");
+    fs::write(&other, fs::read(shipped()).unwrap()).unwrap();
+    let path = place.file("requests.mcap");
+    let mut controller = place.staying(&[]);
+    place.wait_for_the_controller();
+    place.request(&["set-point", "0.5"]).assert_ok();
+    let first = ["--duration", "1", "--timeout", "30"];
+    place.simulator(&first).end().assert_ok();
+
+    let record = ["--record", text(&path), "--start-vx", "0.2"];
+    let simulator = place.simulator(&[&ENDLESS[..], &record].concat());
+    place.wait_for_status(|status| {
+        status["activity"] == "running" && status["peer"]["connections"] == 2
+    });
+    controller.wait_for_message("this run begins with the set-point 0.5 m/s");
+    place.request(&["swap", text(&other)]).assert_ok();
+    place.request(&["policy", "roll-back"]).assert_ok();
+    // The last one is at the end of the run, between two looks of the recorder.
+    for request in [&["set-point", "0.2"][..], &["set-point"], &["set-point", "-0.3"]] {
+        place.request(request).assert_ok();
+        place.wait_for_status(|status| {
+            let log = status["set_point_log"].as_array().unwrap();
+            log.iter().all(|record| !record["at"].is_null())
+        });
+    }
+    place.end_the_run();
+    let ticks = simulator.end().assert_ok().ticks();
+    controller.signal(Signal::TERM);
+    controller.end().assert_ok();
+
+    let (_, rest, _) = read(&path);
+    let set_points: Vec<_> = rest
+        .iter()
+        .filter_map(|entry| match entry {
+            AnyMessage::SetPoint(s) => Some((s.is_set, s.set_point_m_s, s.seq > 0)),
+            _ => None,
+        })
+        .collect();
+    let expected = [(true, 0.5, false), (true, 0.2, true), (false, 0.0, true), (true, -0.3, true)];
+    assert_eq!(set_points, expected);
+    let policies = rest.iter().filter(|entry| matches!(entry, AnyMessage::Policy(_))).count();
+    assert_eq!(policies, 3);
+    let replayed = place.start("replay", &[text(&path)]).end();
+    let same = format!("{ticks} commands compared: the same, bit for bit");
+    assert!(replayed.assert_ok().out.contains(&same), "{}", replayed.out);
+    place.assert_clean();
 }
 
 #[test]

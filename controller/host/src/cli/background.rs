@@ -37,11 +37,11 @@ impl Background {
     /// thread. Without them the loop runs all the same, after a warning.
     pub(super) fn open(
         domain: &Arc<Domain>,
-        server: NodeServer,
+        server: &Arc<Mutex<NodeServer>>,
         reload: Option<Reload>,
         stop: &Stop,
     ) -> Self {
-        let server = Arc::new(Mutex::new(server));
+        let server = Arc::clone(server);
         let socket = ControlSocket::open(domain, Arc::clone(&server))
             .inspect_err(|cause| {
                 log(format_args!("warning: no control socket, so no swap and no status: {cause}"));
@@ -101,6 +101,6 @@ impl Reload {
     }
 }
 
-fn lock(server: &Mutex<NodeServer>) -> MutexGuard<'_, NodeServer> {
+pub(super) fn lock(server: &Mutex<NodeServer>) -> MutexGuard<'_, NodeServer> {
     server.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,6 +1,9 @@
 //! The controller process in real time.
 
-use super::run_server::{RunServer, summary};
+use std::sync::{Mutex, PoisonError};
+
+use super::background::lock;
+use super::run_server::{RunServer, log_set_point, policy_name};
 use super::{Args, CliError, Summary, hint, log, other_leg};
 use crate::Role;
 use crate::link::LinkError;
@@ -14,34 +17,60 @@ impl RunServer {
         mut self,
         args: &Args,
         figures: LatestReport,
-        mut on_summary: impl FnMut(&Summary),
+        on_summary: impl FnMut(&Summary) + Send,
     ) -> Result<(), CliError> {
         if self.once {
             self.wait()?;
+            log_set_point(&self.server);
         }
         let once = self.once;
         let exit_on = if once { ExitOn::EndOfRun } else { ExitOn::StopSignal };
         let options = args.real_time.options(Role::Controller, args.rate, figures);
         let manifest: Option<Manifest<'static>> =
             self.node.controller().map(|controller| controller.policy().manifest().clone());
+        let server = &self.server;
         let on_event = move |event: &PeerEvent| {
-            if let PeerEvent::Connected(peer) = event
-                && let Some(warning) =
+            if let PeerEvent::Connected(peer) = event {
+                if let Some(warning) =
                     manifest.as_ref().and_then(|manifest| other_leg(manifest, peer.leg))
-            {
-                log(warning);
+                {
+                    log(warning);
+                }
+                log_set_point(server);
             }
             if let Some(message) = hint::peer_event(event) {
                 log(message);
             }
         };
-        let (lost_peer, supervise) =
+        // The supervisor reports the runs that end meanwhile.
+        let on_summary = Mutex::new(on_summary);
+        let report = |summary: &Summary| {
+            (on_summary.lock().unwrap_or_else(PoisonError::into_inner))(summary);
+        };
+        let report_ended_runs = || {
+            let next = || {
+                let mut server = lock(server);
+                server.ended_run().map(|result| (server.in_force().name, result))
+            };
+            while !once && let Some((policy, result)) = next() {
+                report(&Summary { policy, result, is_total: false, real_time: None });
+            }
+        };
+        let (lost_peer, mut supervise) =
             realtime::supervise_peer(&self.link, &self.stop, self.timeout, on_event);
-        let ServeOutcome { ended, samples, last, report } =
+        let supervise = || {
+            supervise();
+            report_ended_runs();
+        };
+        let ServeOutcome { ended, report: figures, .. } =
             realtime::serve(self.link, &mut self.node, exit_on, &options, &self.stop, supervise);
-        on_summary(&Summary {
-            real_time: Some(report),
-            ..summary(&self.node, samples, last.apexes)
+        self.node.end_run();
+        report_ended_runs();
+        report(&Summary {
+            policy: policy_name(&self.node),
+            result: self.node.total(),
+            is_total: !once,
+            real_time: Some(figures),
         });
         match lost_peer.get().cloned().map_or(ended, Err) {
             // For one that stays, the way to end.

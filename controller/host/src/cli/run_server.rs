@@ -1,8 +1,9 @@
 //! The controller process: serves one run after the other.
 
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use super::background::{Background, Reload};
+use super::background::{Background, Reload, lock};
 use super::hint::{self, with_hint};
 use super::{Args, CliError, REPORT_AFTER, Summary, log, other_leg};
 use crate::TimeMode;
@@ -24,6 +25,7 @@ pub(super) struct RunServer {
     _background: Background,
     pub(super) link: ShmController,
     pub(super) node: NodeLoop,
+    pub(super) server: Arc<Mutex<NodeServer>>,
     pub(super) stop: Stop,
     /// How long to wait for a missing or silent leg; `None` is without limit.
     pub(super) timeout: Option<Duration>,
@@ -34,8 +36,8 @@ pub(super) struct RunServer {
 }
 
 /// Runs the controller: until a signal ends it or, with `--once`, for one run. `on_summary`
-/// receives the summary of each run; in real time, of all of them.
-pub(super) fn run(args: &Args, on_summary: impl FnMut(&Summary)) -> Result<(), CliError> {
+/// receives the summary of each run; in real time without `--once`, then the total.
+pub(super) fn run(args: &Args, on_summary: impl FnMut(&Summary) + Send) -> Result<(), CliError> {
     let figures = LatestReport::default();
     let server = RunServer::begin(args, &figures)?;
     match args.time_mode() {
@@ -74,11 +76,13 @@ impl RunServer {
         };
         let file = blob.path().display().to_string();
         let (node, server) = NodeServer::open(policy, &file, params, sources)?;
-        let background = Background::open(&domain, server, reload, &stop);
+        let server = Arc::new(Mutex::new(server));
+        let background = Background::open(&domain, &server, reload, &stop);
         Ok(Self {
             _background: background,
             link,
             node,
+            server,
             stop,
             // Without --once the process waits without limit, unless a limit is given.
             timeout: if args.once { Some(args.meeting.timeout()) } else { args.meeting.timeout },
@@ -152,23 +156,37 @@ impl RunServer {
 
     /// Serves one run.
     fn serve(&mut self) -> Result<Summary, ServeError> {
-        let node = &mut self.node;
-        let mut apexes = 0;
+        let (node, server) = (&mut self.node, &self.server);
+        let mut has_begun = false;
         let law = |sample: &_| {
-            let command = node.tick(Some(sample));
-            apexes = command.apexes;
-            command
+            if !std::mem::replace(&mut has_begun, true) {
+                log_set_point(server);
+            }
+            node.tick(Some(sample))
         };
-        let ticks =
-            serve_reporting_silence(&mut self.link, self.timeout, law, |silence| log(silence))?;
-        Ok(summary(&self.node, ticks, apexes))
+        serve_reporting_silence(&mut self.link, self.timeout, law, |silence| log(silence))?;
+        Ok(Summary {
+            policy: policy_name(&self.node),
+            result: self.node.result_of_run().unwrap_or_default(),
+            is_total: false,
+            real_time: None,
+        })
     }
 }
 
-/// Returns the summary of a run.
-pub(super) fn summary(node: &NodeLoop, ticks: u64, apexes: u32) -> Summary {
-    let controller = node.controller();
-    let policy = controller.map(|controller| controller.policy().manifest().name.to_owned());
-    let counts = controller.map(|controller| *controller.counts()).unwrap_or_default();
-    Summary { policy: policy.unwrap_or_default(), ticks, apexes, counts, real_time: None }
+/// Reports at the start of a run that a request of before is still in force.
+pub(super) fn log_set_point(server: &Mutex<NodeServer>) {
+    if let Some(set_point_m_s) = lock(server).set_point_m_s() {
+        log(format_args!(
+            "this run begins with the set-point {set_point_m_s} m/s of an earlier `controller \
+             set-point`, in place of that of the samples; `controller set-point` without a value \
+             returns to that"
+        ));
+    }
+}
+
+/// Returns the name of the policy that runs.
+pub(super) fn policy_name(node: &NodeLoop) -> String {
+    let policy = node.controller().map(|controller| controller.policy().manifest().name.to_owned());
+    policy.unwrap_or_default()
 }

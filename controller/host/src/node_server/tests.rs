@@ -208,6 +208,38 @@ fn a_set_point_is_logged_with_its_tick_and_stays_in_force_in_the_next_run() {
 }
 
 #[test]
+fn a_run_ends_by_a_restart_or_with_the_first_accepted_sample_of_another_and_the_total_is_the_sum() {
+    let (mut node, mut server) = open();
+    // Returns the number of apexes.
+    let run = |node: &mut NodeLoop, run_id, ticks| -> u64 {
+        let commands = (0..ticks).map(|seq| node.tick(Some(&hopping(run_id, seq))));
+        commands.last().unwrap().apexes.into()
+    };
+    let first_apexes = run(&mut node, 3, 150);
+    node.tick(None);
+    node.restart();
+    let first = server.ended_run().unwrap();
+    assert!(first_apexes > 0);
+    assert_eq!((first.runs, first.ticks, first.apexes), (1, 150, first_apexes));
+    assert_eq!((first.counts.missing, server.ended_run()), (1, None));
+    run(&mut node, 4, 20);
+    // A sample of a run of before is rejected, and ends nothing.
+    node.tick(Some(&hopping(3, 0)));
+    assert_eq!(server.ended_run(), None);
+    let last_apexes = run(&mut node, 5, 120);
+    let ended = server.ended_run().unwrap();
+    assert_eq!((ended.ticks, ended.counts.old_run, ended.counts.missing), (21, 1, 0));
+    node.restart();
+    node.restart();
+    let last = server.ended_run().unwrap();
+    assert_eq!((last.ticks, last.counts.rejected(), server.ended_run()), (120, 0, None));
+    let total = node.total();
+    let apexes = first_apexes + ended.apexes + last_apexes;
+    assert_eq!((total.runs, total.ticks, total.apexes), (3, 291, apexes));
+    assert_eq!((total.counts.missing, total.counts.old_run, total.counts.rejected()), (1, 1, 2));
+}
+
+#[test]
 fn a_client_cannot_reset_a_process_or_set_its_mode() {
     let (_node, mut server) = open();
     for request in [

@@ -83,7 +83,7 @@ pub(super) fn with_controller<R>(
         real_time: args.real_time.controller_arguments(),
     });
     let run_id = new_run_id();
-    recording.poll_policies(&domain, run_id);
+    recording.poll_changes(&domain, run_id);
     let connect = ConnectOptions { domain, timeout, start, run_id };
     let on_event = printer(args.spawn);
     let run = |connected: Connected<'_>| run(connected, run_id, recording);
