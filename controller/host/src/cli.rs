@@ -73,13 +73,16 @@ pub struct Args {
     /// density estimate needs it).
     #[arg(long, value_name = "M_S2", default_value_t = 9.81, allow_negative_numbers = true)]
     pub gravity: f32,
-    /// End after one run. (Else it stays, and waits for the next leg as long as
-    /// it takes, or for the time of --timeout.)
+    /// End after one run, instead of waiting for the next leg.
     #[arg(long)]
     pub once: bool,
     /// Where to find the simulator.
     #[command(flatten)]
-    pub meeting: Meeting,
+    pub domain: DomainArgs,
+    /// How long to wait for a missing or silent simulator, s [default: as long as it takes;
+    /// with --once, 10].
+    #[arg(long, value_name = "S", value_parser = parse_timeout, allow_negative_numbers = true)]
+    pub timeout: Option<Duration>,
     /// How to tick by the clock.
     #[command(flatten)]
     pub real_time: RealTimeArgs,
@@ -88,12 +91,28 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Where two processes connect, and how long one waits for the other.
+/// Where two processes connect.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Meeting {
+pub struct DomainArgs {
     /// Only processes of the same domain see each other [default: default].
     #[arg(long, value_name = "NAME")]
     pub domain: Option<String>,
+}
+
+impl DomainArgs {
+    /// Returns the name of the domain.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        self.domain.as_deref().unwrap_or(DEFAULT_DOMAIN)
+    }
+}
+
+/// Where two processes connect, and how long one waits for the other.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Meeting {
+    /// The domain.
+    #[command(flatten)]
+    pub domain: DomainArgs,
     /// How long to wait for a missing or silent peer, s [default: 10].
     #[arg(long, value_name = "S", value_parser = parse_timeout, allow_negative_numbers = true)]
     pub timeout: Option<Duration>,
@@ -103,7 +122,7 @@ impl Meeting {
     /// Returns the name of the domain.
     #[must_use]
     pub fn domain(&self) -> &str {
-        self.domain.as_deref().unwrap_or(DEFAULT_DOMAIN)
+        self.domain.name()
     }
 
     /// Returns how long to wait.

@@ -28,7 +28,9 @@ use leg_control::serial::node::{
 use leg_control::wire::{Command, Sample};
 use leg_process::policy_file::PolicyFile;
 
-const DEVICE: DeviceInfo = DeviceInfo { name: "process", firmware: env!("CARGO_PKG_VERSION") };
+/// Name of the device of a process.
+pub const PROCESS: &str = "process";
+const DEVICE: DeviceInfo = DeviceInfo { name: PROCESS, firmware: env!("CARGO_PKG_VERSION") };
 /// Swaps that a report lists.
 const SWAP_LOG: usize = 64;
 /// Set-points that a report lists.

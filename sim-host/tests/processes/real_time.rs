@@ -136,6 +136,20 @@ fn refuses_a_real_time_and_a_lock_step_side() {
 }
 
 #[test]
+fn the_help_states_how_long_a_controller_waits_and_when_it_is_in_its_safe_state() {
+    let place = Place::new();
+    let help = |arguments: &[&str]| {
+        let out = place.start("controller", arguments).end().assert_ok().out.clone();
+        out.split_whitespace().collect::<Vec<_>>().join(" ")
+    };
+    assert!(help(&["--help"]).contains("[default: as long as it takes; with --once, 10]"));
+    assert!(help(&["status", "--help"]).contains("[default: 3 for an answer, 10 for an apex]"));
+    let safe =
+        "After 10 ms without a message, and at least three ticks, the safe command is in force";
+    assert!(help(&["--help"]).contains(safe));
+}
+
+#[test]
 fn rejects_processors_and_rates_that_the_machine_cannot_provide() {
     let place = Place::new();
     let cases: [(&[&str], &[&str]); 6] = [

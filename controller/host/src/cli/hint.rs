@@ -14,13 +14,17 @@ use crate::serial::ClientError;
 use crate::serve::ServeError;
 use crate::shm::{ConnectError, MissingPeer, PeerEvent};
 
-/// Joins a message and a hint, if there is one.
+/// Joins a message and a hint, if there is one. After a question the hint is a sentence.
 #[must_use]
 pub fn with_hint(message: impl Display, hint: Option<String>) -> String {
-    match hint {
-        Some(hint) => format!("{message}; {hint}"),
-        None => message.to_string(),
+    let message = message.to_string();
+    let Some(hint) = hint else { return message };
+    if !message.ends_with('?') {
+        return format!("{message}; {hint}");
     }
+    let mut rest = hint.chars();
+    let first = rest.next().map(|first| first.to_uppercase().to_string()).unwrap_or_default();
+    format!("{message} {first}{}", rest.as_str())
 }
 
 /// Returns the command that starts a process in `role`.
@@ -113,8 +117,12 @@ pub fn ask_error(error: &AskError) -> Option<String> {
 /// Returns the hint on an error of a request over a serial line.
 #[must_use]
 pub fn client_error(error: &ClientError) -> Option<String> {
-    matches!(error, ClientError::Silent { .. } | ClientError::Noise { .. })
-        .then(|| "--baud sets the baud rate of a --serial port".to_owned())
+    matches!(
+        error,
+        ClientError::Silent { is_serial_port: true, .. }
+            | ClientError::Noise { is_serial_port: true, .. }
+    )
+    .then(|| "--baud sets the baud rate".to_owned())
 }
 
 /// Returns the message about an event of a reconnecting link, with its hint.
@@ -198,12 +206,26 @@ mod tests {
         };
         let hint = ask_error(&nobody).unwrap();
         assert!(hint.contains("`controller --policy FILE --domain d`"), "{hint}");
-        for error in [
-            ClientError::Silent { waited: Duration::from_secs(1), others: Vec::new() },
-            ClientError::Noise { waited: Duration::from_secs(1), others: Vec::new(), bad: 2 },
-        ] {
-            assert!(client_error(&error).unwrap().contains("--baud"), "{error}");
+        for is_serial_port in [true, false] {
+            let (waited, others) = (Duration::from_secs(1), Vec::new);
+            for error in [
+                ClientError::Silent { waited, others: others(), is_serial_port },
+                ClientError::Noise { waited, others: others(), is_serial_port, bad: 2 },
+            ] {
+                let hint = client_error(&error);
+                let message = with_hint(&error, hint);
+                assert_eq!(message.contains("? --baud sets the"), is_serial_port, "{message}");
+                assert_eq!(message.contains("baud rate right"), is_serial_port, "{message}");
+            }
         }
+    }
+
+    #[test]
+    fn a_hint_is_the_end_of_a_sentence_or_a_sentence_after_a_question() {
+        let hint = || Some("end it".to_owned());
+        assert_eq!(with_hint("it runs", hint()), "it runs; end it");
+        assert_eq!(with_hint("does it run?", hint()), "does it run? End it");
+        assert_eq!(with_hint("does it run?", None), "does it run?");
     }
 
     #[test]

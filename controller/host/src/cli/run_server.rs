@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::background::{Background, Reload, lock};
 use super::hint::{self, with_hint};
-use super::{Args, CliError, REPORT_AFTER, Summary, log, other_leg};
+use super::{Args, CliError, REPORT_AFTER, Summary, TIMEOUT, log, other_leg};
 use crate::TimeMode;
 use crate::link::LinkError;
 use crate::node_loop::NodeLoop;
@@ -62,7 +62,7 @@ impl RunServer {
             }
         };
 
-        let domain = Domain::join(args.meeting.domain())?;
+        let domain = Domain::join(args.domain.name())?;
         let params = SessionParams::at(args.rate).with_gravity(args.gravity).with_leg(&leg);
         let params = params.with_time_mode(args.time_mode());
         let link = ShmController::open(&domain, params, &stop)?;
@@ -85,7 +85,7 @@ impl RunServer {
             server,
             stop,
             // Without --once the process waits without limit, unless a limit is given.
-            timeout: if args.once { Some(args.meeting.timeout()) } else { args.meeting.timeout },
+            timeout: args.timeout.or(args.once.then_some(TIMEOUT)),
             once: args.once,
             has_reported_missing: false,
             served: None,

@@ -19,8 +19,8 @@ pub struct RealTimeArgs {
     ///
     /// Ticks whose whole period passes while the loop sleeps are missed: the leg
     /// simulates them at once under the command in force, and the controller skips them.
-    /// A tick without a new message is stale. After ten stale ticks in a row the safe
-    /// command is in force until the other side sends again.
+    /// A tick without a new message is stale. After 10 ms without a message, and at least
+    /// three ticks, the safe command is in force until the other side sends again.
     #[arg(long)]
     pub real_time: bool,
     /// Real-time priority of the loop, 1 to 99 (scheduling policy FIFO). If the system

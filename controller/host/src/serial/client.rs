@@ -319,10 +319,11 @@ impl Client {
                 self.request = None;
                 let bad = bad_frames(self.line.counts()) - bad;
                 let others = self.other_users();
+                let is_serial_port = self.line.is_serial_port();
                 return Err(match self.foreign {
                     Some(theirs) => ClientError::ProtocolVersion { theirs },
-                    None if bad > 0 => ClientError::Noise { waited, others, bad },
-                    None => ClientError::Silent { waited, others },
+                    None if bad > 0 => ClientError::Noise { waited, others, is_serial_port, bad },
+                    None => ClientError::Silent { waited, others, is_serial_port },
                 });
             }
         }

@@ -17,28 +17,39 @@ pub enum ClientError {
     Line(#[from] io::Error),
     /// Nothing arrived.
     #[error(
-        "no answer for {:.1} s: {}is the board powered, the baud rate right?",
+        "no answer for {:.1} s: {}{}",
         waited.as_secs_f64(),
-        taken_by(others)
+        taken_by(others),
+        match is_serial_port {
+            true => "is the board powered, the baud rate right?",
+            false => "is the process stopped, or does another program use it?",
+        }
     )]
     Silent {
         /// Time waited.
         waited: Duration,
         /// Other processes that have the port open.
         others: Vec<String>,
+        /// Whether the line is a serial port, and not a socket.
+        is_serial_port: bool,
     },
     /// Frames arrived, but none was good.
     #[error(
-        "only noise has arrived for {:.1} s ({bad} damaged frames): {}is the baud rate right, the \
-         cable good?",
+        "only noise has arrived for {:.1} s ({bad} damaged frames): {}{}",
         waited.as_secs_f64(),
-        taken_by(others)
+        taken_by(others),
+        match is_serial_port {
+            true => "is the baud rate right, the cable good?",
+            false => "is it a controller?",
+        }
     )]
     Noise {
         /// Time waited.
         waited: Duration,
         /// Other processes that have the port open.
         others: Vec<String>,
+        /// Whether the line is a serial port, and not a socket.
+        is_serial_port: bool,
         /// Damaged frames.
         bad: u32,
     },

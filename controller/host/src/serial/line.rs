@@ -72,6 +72,11 @@ impl Line {
         self.stream.other_users()
     }
 
+    /// Returns whether the line is a serial port.
+    pub(super) fn is_serial_port(&self) -> bool {
+        self.stream.is_serial_port()
+    }
+
     /// Sends a frame. After a failure nothing more is sent.
     pub(super) fn send(&mut self, frame: &[u8]) {
         if self.broken.is_none() {

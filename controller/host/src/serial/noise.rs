@@ -60,4 +60,8 @@ impl<S: ByteStream> ByteStream for Noisy<S> {
     fn other_users(&self) -> Vec<String> {
         self.stream.other_users()
     }
+
+    fn is_serial_port(&self) -> bool {
+        self.stream.is_serial_port()
+    }
 }

@@ -131,6 +131,10 @@ impl ByteStream for Port {
     fn other_users(&self) -> Vec<String> {
         other_users(&self.path)
     }
+
+    fn is_serial_port(&self) -> bool {
+        true
+    }
 }
 
 impl Drop for Port {

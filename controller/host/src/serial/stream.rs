@@ -44,6 +44,11 @@ pub trait ByteStream: Send {
     fn other_users(&self) -> Vec<String> {
         Vec::new()
     }
+
+    /// Returns whether the stream is a serial port, and not a socket.
+    fn is_serial_port(&self) -> bool {
+        false
+    }
 }
 
 impl<T: ByteStream + ?Sized> ByteStream for Box<T> {
@@ -57,6 +62,10 @@ impl<T: ByteStream + ?Sized> ByteStream for Box<T> {
 
     fn other_users(&self) -> Vec<String> {
         (**self).other_users()
+    }
+
+    fn is_serial_port(&self) -> bool {
+        (**self).is_serial_port()
     }
 }
 

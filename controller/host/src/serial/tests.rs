@@ -127,7 +127,7 @@ fn distinguishes_silence_noise_and_another_protocol_version() {
     let mut client = Client::new(here, &Stop::default());
     let silent = client.identify(SHORT).unwrap_err();
     assert!(matches!(silent, ClientError::Silent { .. }), "{silent}");
-    assert!(silent.to_string().contains("the baud rate right"), "{silent}");
+    assert!(silent.to_string().contains("does another program use it?"), "{silent}");
 
     there.write_all(&[0, 3, 7, 9, 0, 1, 2, 3, 0]).unwrap();
     let noise = client.identify(SHORT).unwrap_err();

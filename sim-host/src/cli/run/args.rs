@@ -59,7 +59,7 @@ pub(super) struct RealTime {
 impl Args {
     /// Returns the domain in which leg and controller connect.
     pub(super) fn domain(&self) -> String {
-        if self.spawn && self.meeting.domain.is_none() {
+        if self.spawn && self.meeting.domain.domain.is_none() {
             // A domain per process, so that runs at the same time do not connect to each other.
             format!("run-{}", std::process::id())
         } else {

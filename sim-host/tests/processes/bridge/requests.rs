@@ -139,6 +139,23 @@ fn a_board_behind_a_bridge_answers_the_requests_to_its_domain() {
     place.assert_clean();
 }
 
+/// A board serves one caller at a time, here the bridge.
+#[test]
+fn a_silent_board_that_a_bridge_uses_is_reported_with_the_domain_that_answers() {
+    let place = Place::new();
+    let board = Board::new(&place, &[]);
+    let mut bridge_on = bridge(&place, &board, &[]);
+    place.wait_for_status(|status| status["board"] == "virtual");
+    let status = ["status", "--unix", board.socket(), "--timeout", "0.7"];
+    let status = place.start("controller", &status).end();
+    let bridge = "A bridge runs in the domain";
+    status.assert(1, &["no answer for 0.7 s", bridge, place.domain(), "name its --domain"]);
+    assert!(!status.err.contains("baud") && !status.err.contains("?;"), "{}", status.err);
+    bridge_on.signal(Signal::TERM);
+    bridge_on.end().assert(1, &["stopped by a signal"]);
+    place.assert_clean();
+}
+
 /// A board cannot send its policy, and a recorder that asked for it all the time would load
 /// the line.
 #[test]
