@@ -19,7 +19,7 @@ pub(super) enum Action {
 
 /// The help line.
 pub(super) const HELP: &str =
-    "arrows: set-point  s: scenario's set-point  space: pause  q: leave  Q: end the run";
+    "arrows: set-point (s: the scenario's)  space: pause  q: leave  Q: end the run";
 
 /// Returns the action of a key, if it has one.
 #[must_use]

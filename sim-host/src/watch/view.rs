@@ -7,7 +7,7 @@ use ratatui::style::{Color, Style, Stylize as _};
 use ratatui::symbols::Marker;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::canvas::{Canvas, Circle, Context, Line as Stroke, Points};
-use ratatui::widgets::{Axis, Block, Chart, Dataset, Gauge, GraphType, Paragraph};
+use ratatui::widgets::{Axis, Block, Chart, Dataset, Gauge, GraphType, Paragraph, Wrap};
 
 use super::keys::HELP;
 use super::scene::Scene;
@@ -21,36 +21,63 @@ const SET_POINT: Color = Color::Rgb(240, 130, 60);
 const ALARM: Color = Color::Rgb(255, 90, 90);
 /// Radius of the drawn mass, m.
 const RADIUS_M: f64 = 0.11;
+/// Width of the panels with values, columns.
+const VALUES_WIDTH: u16 = 38;
+/// Width of a value's name, columns.
+const NAME_WIDTH: usize = 13;
+/// Most lines of a message.
+const MESSAGE_LINES: u16 = 4;
 /// Lowest and highest height shown, m.
 const HEIGHT_M: [f64; 2] = [-0.25, 3.0];
 
 /// Draws `scene` over the whole frame.
 pub fn draw(frame: &mut Frame<'_>, scene: &Scene) {
-    let [head, body, foot] =
-        Layout::vertical([Constraint::Length(1), Constraint::Min(8), Constraint::Length(1)])
-            .areas(frame.area());
+    let message = scene.message().unwrap_or(HELP);
+    let lines = message.chars().count() / usize::from(frame.area().width.max(1)) + 1;
+    let foot_height = u16::try_from(lines).unwrap_or(u16::MAX).min(MESSAGE_LINES);
+    let [head, body, foot] = Layout::vertical([
+        Constraint::Length(1),
+        Constraint::Min(8),
+        Constraint::Length(foot_height),
+    ])
+    .areas(frame.area());
     let [left, right] =
-        Layout::horizontal([Constraint::Min(30), Constraint::Length(38)]).areas(body);
+        Layout::horizontal([Constraint::Min(30), Constraint::Length(VALUES_WIDTH)]).areas(body);
     let loops = times::loops(scene);
     let height = if loops.is_empty() { 0 } else { times::LOOPS_HEIGHT };
     let [above, below] =
         Layout::vertical([Constraint::Min(0), Constraint::Length(height)]).areas(left);
     let [stage, chart] =
         Layout::vertical([Constraint::Percentage(62), Constraint::Min(6)]).areas(above);
-    frame.render_widget(headline(scene), head);
+    frame.render_widget(headline(scene, head.width), head);
     draw_stage(frame, stage, scene);
     draw_hops(frame, chart, scene);
     times::draw_loops(frame, below, &loops);
     draw_values(frame, right, scene);
-    let line = scene
-        .message()
-        .map_or_else(|| Line::from(HELP).dim(), |message| Line::from(message).fg(ALARM));
-    frame.render_widget(line, foot);
+    let text = Paragraph::new(message).wrap(Wrap { trim: true });
+    frame.render_widget(if message == HELP { text.dim() } else { text.fg(ALARM) }, foot);
 }
 
-fn headline(scene: &Scene) -> Line<'_> {
-    let mut spans = vec![Span::from(" sim-host watch ").bold().reversed(), Span::from(" ")];
-    spans.push(Span::from(format!("domain {}  ", scene.domain)));
+/// Returns the first line, in short words where the long ones do not fit.
+fn headline(scene: &Scene, width: u16) -> Line<'_> {
+    let fits = |line: &Line<'_>| line.width() <= usize::from(width);
+    let long = state_line(scene, &scene.domain, false);
+    if fits(&long) {
+        return long;
+    }
+    let short = state_line(scene, "", true);
+    let room = usize::from(width).saturating_sub(short.width());
+    state_line(scene, &cut(&scene.domain, room), true)
+}
+
+fn state_line<'a>(scene: &'a Scene, domain: &str, is_short: bool) -> Line<'a> {
+    let mut spans = Vec::new();
+    if is_short {
+        spans.push(Span::from(format!(" {domain}  ")));
+    } else {
+        spans.push(Span::from(" sim-host watch ").bold().reversed());
+        spans.push(Span::from(format!(" domain {domain}  ")));
+    }
     let presence = |is_present: bool, name: &'static str| {
         if is_present {
             Span::from(format!("{name} ✔  "))
@@ -63,7 +90,11 @@ fn headline(scene: &Scene) -> Line<'_> {
     if let Some(leg) = &scene.leg {
         spans.push(Span::from(leg.time_mode.to_string()));
         if let Some(speed) = scene.speed.filter(|_| leg.time_mode == TimeMode::LockStep) {
-            spans.push(Span::from(format!(", {speed:.1} times real time")));
+            spans.push(Span::from(if is_short {
+                format!(" x{speed:.1}")
+            } else {
+                format!(", {speed:.1} times real time")
+            }));
         }
         if leg.is_paused {
             spans.push(Span::from("  PAUSED").fg(SET_POINT).bold());
@@ -73,6 +104,14 @@ fn headline(scene: &Scene) -> Line<'_> {
         spans.push(Span::from("  SAFE STATE").fg(ALARM).bold());
     }
     Line::from(spans)
+}
+
+/// Returns a text of at most `width` columns, with an ellipsis where it is cut.
+fn cut(text: &str, width: usize) -> String {
+    if text.chars().count() <= width {
+        return text.to_owned();
+    }
+    text.chars().take(width.saturating_sub(1)).chain(['…']).collect()
 }
 
 fn is_safe(scene: &Scene) -> bool {
@@ -165,40 +204,54 @@ fn draw_hops(frame: &mut Frame<'_>, area: Rect, scene: &Scene) {
     frame.render_widget(chart, area);
 }
 
+/// Draws the values of leg and controller, and where there is room the density as a gauge and the
+/// round trips.
 fn draw_values(frame: &mut Frame<'_>, area: Rect, scene: &Scene) {
-    let [density, leg, controller, times] = Layout::vertical([
-        Constraint::Length(3),
-        Constraint::Length(10),
-        Constraint::Min(7),
-        Constraint::Length(6),
+    const GAUGE_HEIGHT: u16 = 3;
+    const TRIPS_HEIGHT: std::ops::RangeInclusive<u16> = 4..=6;
+    let estimate = scene.command.map_or(0.0, |command| f64::from(command.density_ratio));
+    let (mut of_leg, of_controller) = (leg_lines(scene), controller_lines(scene));
+    let bordered = |lines: &Vec<Line<'_>>| lines.len() as u16 + 2;
+    let room = area.height.saturating_sub(bordered(&of_leg) + bordered(&of_controller));
+    let gauge_height = if room >= GAUGE_HEIGHT { GAUGE_HEIGHT } else { 0 };
+    if gauge_height == 0 {
+        of_leg.push(row("density", &format!("{estimate:.3}, used by actor")));
+    }
+    let left = room.saturating_sub(gauge_height);
+    let trips_height =
+        if left >= *TRIPS_HEIGHT.start() { left.min(*TRIPS_HEIGHT.end()) } else { 0 };
+    let [density, leg, controller, trips] = Layout::vertical([
+        Constraint::Length(gauge_height),
+        Constraint::Length(bordered(&of_leg)),
+        Constraint::Min(3),
+        Constraint::Length(trips_height),
     ])
     .areas(area);
-    let estimate = scene.command.map_or(0.0, |command| f64::from(command.density_ratio));
     let gauge = Gauge::default()
         .block(Block::bordered().title(" density used by the actor "))
         .gauge_style(Style::new().fg(Color::Rgb(60, 130, 210)))
         .ratio(if estimate.is_finite() { estimate.clamp(0.0, 1.0) } else { 0.0 })
         .label(format!("{estimate:.3}"));
     frame.render_widget(gauge, density);
-    frame.render_widget(
-        Paragraph::new(leg_lines(scene)).block(Block::bordered().title(" leg ")),
-        leg,
-    );
-    frame.render_widget(
-        Paragraph::new(controller_lines(scene)).block(Block::bordered().title(" controller ")),
-        controller,
-    );
-    times::draw_round_trips(frame, times, scene);
+    let panel =
+        |lines, title| Paragraph::new::<Vec<Line<'_>>>(lines).block(Block::bordered().title(title));
+    frame.render_widget(panel(of_leg, " leg "), leg);
+    frame.render_widget(panel(of_controller, " controller "), controller);
+    if trips_height > 0 {
+        times::draw_round_trips(frame, trips, scene);
+    }
 }
 
 /// Formats a name and its value.
-fn row(name: &'static str, value: String) -> Line<'static> {
-    Line::from(vec![Span::from(format!("{name:<15}")).dim(), Span::from(value)])
+fn row(name: &'static str, value: &str) -> Line<'static> {
+    let room = usize::from(VALUES_WIDTH) - 2 - NAME_WIDTH;
+    let value = cut(value, room);
+    Line::from(vec![Span::from(format!("{name:<NAME_WIDTH$}")).dim(), Span::from(value)])
 }
 
 /// Formats a name and a count, highlighted if the count is not 0.
 fn count(name: &'static str, count: u64) -> Line<'static> {
-    let line = row(name, count.to_string());
+    let line = row(name, &count.to_string());
     if count > 0 { line.fg(ALARM) } else { line }
 }
 
@@ -206,18 +259,19 @@ fn leg_lines(scene: &Scene) -> Vec<Line<'static>> {
     let mut lines = Vec::new();
     if let Some(sample) = &scene.sample {
         let t_s = 1e-9 * sample.header.t_ns as f64;
-        lines.push(row("time", format!("{t_s:.2} s, tick {}", sample.header.seq)));
-        lines.push(row("height", format!("{:.2} m", sample.y_m)));
-        lines.push(row("velocity", format!("{:+.2} {:+.2} m/s", sample.vx_m_s, sample.vy_m_s)));
+        let digits = if t_s < 1000.0 { 2 } else { 0 };
+        lines.push(row("time", &format!("{t_s:.digits$} s, tick {}", sample.header.seq)));
+        lines.push(row("height", &format!("{:.2} m", sample.y_m)));
+        lines.push(row("velocity", &format!("{:+.2} {:+.2} m/s", sample.vx_m_s, sample.vy_m_s)));
         let by_key = scene.leg.as_ref().is_some_and(|leg| leg.ordered_m_s.is_some());
         let by = if by_key { ", by key" } else { "" };
-        lines.push(row("set-point", format!("{:+.2} m/s{by}", sample.set_point_m_s)));
+        lines.push(row("set-point", &format!("{:+.2} m/s{by}", sample.set_point_m_s)));
     }
     if let Some(leg) = &scene.leg {
-        lines.push(row("hops", leg.hops.to_string()));
+        lines.push(row("hops", &leg.hops.to_string()));
         lines.push(count("falls", leg.falls));
-        lines.push(row("safe ticks", leg.safe_ticks.to_string()));
-        lines.push(count("without command", leg.held_ticks));
+        lines.push(row("safe ticks", &leg.safe_ticks.to_string()));
+        lines.push(count("no command", leg.held_ticks));
     } else if scene.sample.is_some() {
         lines.push(Line::from("(no status)").dim());
     }
@@ -231,12 +285,12 @@ fn controller_lines(scene: &Scene) -> Vec<Line<'static>> {
     };
     let rejected = &status.rejected;
     let mut lines = vec![
-        row("policy", status.policy.name.clone()),
-        row("checksum", status.policy.crc32.to_string()),
-        row("swaps", status.swaps.to_string()),
+        row("policy", &status.policy.name.clone()),
+        row("checksum", &status.policy.crc32.to_string()),
+        row("swaps", &status.swaps.to_string()),
     ];
     if let Some(pending) = &status.pending {
-        lines.push(row("at next apex", pending.name.clone()).fg(SET_POINT));
+        lines.push(row("at next apex", &pending.name.clone()).fg(SET_POINT));
     }
     lines.extend([
         count("rejected", rejected.ticks.into()),

@@ -103,9 +103,9 @@ fn draws_the_leg_its_trail_and_its_values() {
         "tick 13998",
         "velocity at each apex",
         "density used by the actor",
-        "hops           7",
-        "without command3",
-        "p50 < 4 us, p99 < 4 us",
+        "hops         7",
+        "no command   3",
+        "round trip p50 <4 us p99 <4 us ",
         "arrows",
     ] {
         assert!(text.contains(part), "`{part}` is not in\n{text}");
@@ -159,21 +159,102 @@ fn late_loop(role: &str) -> LoopReport {
     report
 }
 
-#[test]
-fn draws_the_lateness_of_loops_in_real_time() {
+/// Returns the scene of two loops in real time, with the statuses of both processes.
+fn in_real_time() -> Scene {
     let mut scene = hopping(3);
     let mut leg = scene.leg.take().unwrap();
     (leg.time_mode, leg.timing) = (TimeMode::RealTime, Some(late_loop("leg")));
     scene.leg = Some(leg);
-    scene.controller = Some(serde_json::from_value(serde_json::json!({
-        "pid": 2, "rate_hz": 1000, "gravity_m_s2": 9.81, "time_mode": "real-time", "activity": "running",
+    scene.controller = Some(controller(Some(&late_loop("controller"))));
+    scene
+}
+
+fn controller(timing: Option<&LoopReport>) -> leg_host::status::Status {
+    let time_mode = if timing.is_some() { "real-time" } else { "lock-step" };
+    let next = serde_json::json!(
+        {"name": "the policy with a very long name", "crc32": "00000001", "file": "", "provenance": ""}
+    );
+    serde_json::from_value(serde_json::json!({
+        "pid": 2, "rate_hz": 1000, "gravity_m_s2": 9.81, "time_mode": time_mode,
+        "activity": "running",
         "policy": {"name": "robust", "crc32": "13f40f3f", "file": "robust.bin", "provenance": ""},
-        "since_unix_s": 0.0, "since": null, "pending": null, "swaps": 0, "last": null,
+        "since_unix_s": 0.0, "since": null, "pending": next, "swaps": 11, "last": null,
         "ticks": 0, "apexes": 0,
-        "rejected": {"ticks": 0, "missing": 0, "stale": 0, "safe_entered": 0},
-        "peer": {"pid": 1, "connections": 1, "losses": 0},
-        "timing": late_loop("controller"),
-    })).unwrap());
+        "rejected": {"ticks": 21, "missing": 22, "stale": 23, "safe_entered": 24},
+        "peer": {"pid": 1, "connections": 1, "losses": 25},
+        "timing": timing,
+    }))
+    .unwrap()
+}
+
+/// The sizes of usual terminals.
+#[test]
+fn draws_every_value_and_whole_titles_at_usual_sizes() {
+    let mut lock_step = hopping(3);
+    lock_step.controller = Some(controller(None));
+    lock_step.speed = Some(12345.6);
+    let mut leg = lock_step.leg.take().unwrap();
+    leg.round_trips[12] = 1_000_000;
+    lock_step.leg = Some(leg);
+    let mut command = lock_step.command.unwrap();
+    command.header.flags |= leg_control::wire::flags::SAFE;
+    lock_step.command = Some(command);
+    let mut late = lock_step.sample.unwrap();
+    (late.header.t_ns, late.header.seq) = (80_000_000_000_000, 80_000_000);
+    lock_step.sample = Some(late);
+    let values = [
+        "time         80000 s, tick 80000000 │",
+        "height       1.62 m ",
+        "velocity     +0.",
+        "set-point    +0.50 m/s ",
+        "hops         7 ",
+        "falls        0 ",
+        "safe ticks   5 ",
+        "no command   3 ",
+        "policy       robust ",
+        "checksum     13f40f3f ",
+        "swaps        11 ",
+        "at next apex the policy with a very…│",
+        "rejected     21 ",
+        "missing      22 ",
+        "stale        23 ",
+        "safe entered 24 ",
+        "peer lost    25 ",
+    ];
+    for (width, height) in [(80, 24), (100, 30), (120, 40)] {
+        for scene in [&lock_step, &in_real_time()] {
+            let text = text(&drawn(scene, width, height));
+            let is_lock_step = std::ptr::eq(scene, &raw const lock_step);
+            for part in values.iter().skip(usize::from(!is_lock_step)) {
+                assert!(text.contains(part), "`{part}` is not in\n{text}");
+            }
+            for part in ["leg ✔  controller ✔", "PAUSED", " density", HELP] {
+                assert!(text.contains(part), "`{part}` is not in\n{text}");
+            }
+            let state = if is_lock_step { "12345.6" } else { "real time" };
+            assert!(text.contains(state), "{text}");
+            assert_eq!(text.contains("SAFE STATE"), is_lock_step, "{text}");
+        }
+        let text = text(&drawn(&lock_step, width, height));
+        let title = "┌ round trip p50 <1 ms p99 <1 ms ";
+        assert_eq!(text.contains(title), height > 24, "{text}");
+    }
+
+    // A message is not cut, and a long domain is.
+    let message = "the last words of a long message are read as well as its first ones, ".repeat(3);
+    lock_step.show_message(message);
+    lock_step.domain = "long".repeat(20);
+    let text = text(&drawn(&lock_step, 80, 24)).replace(['\n', ' '], "");
+    assert_eq!(text.matches("wellasitsfirstones,").count(), 3, "{text}");
+    assert!(
+        text.contains("longlonglonglongl…leg✔controller✔") && text.contains("SAFESTATE"),
+        "{text}"
+    );
+}
+
+#[test]
+fn draws_the_lateness_of_loops_in_real_time() {
+    let scene = in_real_time();
     for (width, height, also) in [(120, 40, "missed 12"), (80, 24, "max 4.80 ms")] {
         let buffer = drawn(&scene, width, height);
         let text = text(&buffer);

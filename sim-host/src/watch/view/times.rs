@@ -30,11 +30,18 @@ pub(super) fn draw_round_trips(frame: &mut Frame<'_>, area: Rect, scene: &Scene)
     };
     let of = |quantile: f64| upper_end_us(&leg.round_trips, quantile);
     let title = match (of(0.5), of(0.99)) {
-        (Some(half), Some(most)) => format!(" round trips: p50 < {half} us, p99 < {most} us "),
+        (Some(half), Some(most)) => {
+            format!(" round trip p50 <{} p99 <{} ", short(half), short(most))
+        }
         _ => " round trips ".to_owned(),
     };
     let bars = leg.round_trips.iter().map(|&count| (count.into(), PUSH));
     frame.render_widget(sparkline(bars, block.inner(area).width).block(block.title(title)), area);
+}
+
+/// Formats a time in as few digits as the end of a bar needs.
+fn short(us: f64) -> String {
+    if us < 1000.0 { format!("{us} us") } else { format!("{:.0} ms", us / 1000.0) }
 }
 
 /// Returns the upper end of the bar that contains a quantile, us.
