@@ -7,13 +7,16 @@
 //! - [`atomic_file`]: output files that appear complete or not at all.
 //! - [`policy_file`]: policy blobs read into suitably aligned memory.
 //! - [`program`]: the running program, to start it again.
+//! - [`rounded`]: numbers for output.
 
 pub mod atomic_file;
 pub mod policy_file;
 pub mod program;
 pub mod remedy;
+mod rounded;
 pub mod signals;
 pub mod stderr;
 pub mod stdout;
 
+pub use rounded::rounded;
 pub use signals::Stop;

@@ -31,7 +31,7 @@ pub(super) struct Args {
     gravity: f32,
     #[command(flatten)]
     meeting: Meeting,
-    /// How the controller's ticks come about.
+    /// What starts the controller's ticks.
     #[arg(long, value_enum, default_value_t)]
     mode: ModeArg,
     /// When the line breaks: open it again and continue, or end with an error.
@@ -54,10 +54,12 @@ pub(super) struct Args {
 
 #[derive(Clone, Copy, Debug, Default, clap::ValueEnum)]
 enum ModeArg {
-    /// Each sample is a tick, and simulated time waits for its command.
+    /// Each sample, so that simulated time waits for its command. The simulator runs without
+    /// --real-time.
     #[default]
     LockStep,
-    /// The board's timer is the tick, and the newest sample counts.
+    /// The board's own timer, in real time: each tick uses the newest sample. The simulator runs
+    /// with --real-time; without, it waits for the timer.
     Live,
 }
 

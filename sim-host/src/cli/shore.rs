@@ -9,7 +9,7 @@ use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use leg_host::TimeMode;
 use leg_process::stdout;
-use leg_process::{Stop, stderr};
+use leg_process::{Stop, rounded, stderr};
 
 use super::checked_policy;
 use super::recording::Recording;
@@ -96,7 +96,8 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         }
     }
     if report.falls > 0 {
-        stderr::print_line(format_args!("sim-host: the leg fell at x = {:.2} m", outcome.body.x_m));
+        let x_m = rounded(outcome.body.x_m, 2);
+        stderr::print_line(format_args!("sim-host: the leg fell at x = {x_m:.2} m"));
     }
     recorded?;
     drawn?;
@@ -176,6 +177,7 @@ impl Progress {
             let ApexMark {
                 t_s, x_m, vx_m_s, set_point_m_s, density_ratio, density_estimate, ..
             } = apex;
+            let (x_m, vx_m_s) = (rounded(x_m, 2), rounded(vx_m_s, 3));
             let line = format!(
                 "  {t_s:>5.1} s  {x_m:>6.2} m  {vx_m_s:>8.3} m/s  {set_point_m_s:>5.1} m/s  {density_ratio:>7.3}  {density_estimate:>9.3}"
             );

@@ -1,6 +1,7 @@
 //! Draws a scene.
 
 use leg_host::TimeMode;
+use leg_process::rounded;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Style, Stylize as _};
@@ -128,7 +129,7 @@ fn medium(density_ratio: f64) -> Color {
 fn draw_stage(frame: &mut Frame<'_>, area: Rect, scene: &Scene) {
     let block = Block::bordered().title(match scene.density_ratio() {
         None => " waiting for a leg ".to_owned(),
-        Some(density) => format!(" x {:.2} m, density {density:.3} ", scene.x_m),
+        Some(density) => format!(" x {:.2} m, density {density:.3} ", rounded(scene.x_m, 2)),
     });
     // Equal scales in both directions: a cell is about twice as high as wide.
     let [low, high] = HEIGHT_M;
@@ -261,8 +262,9 @@ fn leg_lines(scene: &Scene) -> Vec<Line<'static>> {
         let t_s = 1e-9 * sample.header.t_ns as f64;
         let digits = if t_s < 1000.0 { 2 } else { 0 };
         lines.push(row("time", &format!("{t_s:.digits$} s, tick {}", sample.header.seq)));
+        let [vx_m_s, vy_m_s] = [sample.vx_m_s, sample.vy_m_s].map(|v_m_s| rounded(v_m_s.into(), 2));
         lines.push(row("height", &format!("{:.2} m", sample.y_m)));
-        lines.push(row("velocity", &format!("{:+.2} {:+.2} m/s", sample.vx_m_s, sample.vy_m_s)));
+        lines.push(row("velocity", &format!("{vx_m_s:+.2} {vy_m_s:+.2} m/s")));
         let by_key = scene.leg.as_ref().is_some_and(|leg| leg.ordered_m_s.is_some());
         let by = if by_key { ", by key" } else { "" };
         lines.push(row("set-point", &format!("{:+.2} m/s{by}", sample.set_point_m_s)));
@@ -297,7 +299,7 @@ fn controller_lines(scene: &Scene) -> Vec<Line<'static>> {
         count("missing", rejected.missing.into()),
         count("stale", rejected.stale.into()),
         count("safe entered", rejected.safe_entered.into()),
-        count("peer lost", status.peer.losses),
+        row("legs gone", &status.peer.losses.to_string()),
     ]);
     lines
 }

@@ -316,6 +316,15 @@ fn warns_of_a_run_entirely_in_the_safe_state() {
     place.assert_clean();
 }
 
+/// The shipped policy stops the leg where it stands, some micrometres behind.
+#[test]
+fn a_leg_that_stays_where_it_is_has_moved_by_zero_and_not_by_minus_zero() {
+    let place = Place::new();
+    let run = place.start("run", &["--in-process", "--duration", "3"]).end();
+    let moved = "time over after 3.000 s (3000 ticks), 0.000 m\n";
+    assert!(run.assert_ok().out.starts_with(moved), "{}", run.out);
+}
+
 #[test]
 fn rejects_invalid_scenarios_with_status_2() {
     let place = Place::new();

@@ -9,6 +9,7 @@ use crate::evaluate::tracking::Tracking;
 use clap::Args;
 use leg_control::policy::Policy;
 use leg_process::policy_file::PolicyFile;
+use leg_process::rounded;
 use std::fmt::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -120,7 +121,7 @@ fn table(text: &mut String, metric: &MetricColumn, densities: &[AtDensity]) -> f
     let plain =
         |e: Estimate| format!("{:.digits$} [{:.digits$}, {:.digits$}]", e.value, e.low, e.high);
     // Adding 0 turns -0 into 0.
-    let round = |x: f64| format!("{:+.digits$}", rounded(x, digits) + 0.0);
+    let round = |x: f64| format!("{:+.digits$}", rounded(x, digits));
     let signed = |e: Estimate| format!("{} [{}, {}]", round(e.value), round(e.low), round(e.high));
     writeln!(
         text,
@@ -140,16 +141,11 @@ fn table(text: &mut String, metric: &MetricColumn, densities: &[AtDensity]) -> f
     Ok(())
 }
 
-fn rounded(x: f64, digits: usize) -> f64 {
-    let scale = libm::pow(10.0, digits as f64);
-    (x * scale).round() / scale
-}
-
 /// Writes the highest speeds, which are deterministic: every difference is real.
 fn speeds(text: &mut String, by_density: &[(f64, [f64; 2])]) -> fmt::Result {
     text.push_str("\nHighest speed, m/s (the same every time)\n   rho       A       B    B - A\n");
     for &(rho, [a, b]) in by_density {
-        let difference = rounded(b - a, 2) + 0.0;
+        let difference = rounded(b - a, 2);
         let verdict = match difference {
             d if d > 0.0 => "B faster",
             d if d < 0.0 => "A faster",
@@ -169,7 +165,8 @@ fn tracking(text: &mut String, c: &Comparison) -> fmt::Result {
     )?;
     let cell = |t: &Tracking| match (t.mean_v, t.oscillation) {
         (Some(mean), Some(o)) => {
-            format!("{mean:.3}+-{o:.3} {}", if t.tracked() { "tracked" } else { "not tracked" })
+            let verdict = if t.tracked() { "tracked" } else { "not tracked" };
+            format!("{:.3}+-{o:.3} {verdict}", rounded(mean, 3))
         }
         _ => "fell".into(),
     };

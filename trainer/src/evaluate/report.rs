@@ -7,6 +7,7 @@ use super::tracking::{
 };
 use super::{DENSITIES, hopper};
 use leg_control::policy::Policy;
+use leg_process::rounded;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use serde::Serialize;
@@ -147,7 +148,7 @@ impl fmt::Display for Report {
                     (false, false) => '.',
                 };
                 let cell = match (t.mean_v, t.oscillation) {
-                    (Some(mean), Some(o)) => format!("{mean:.3}+-{o:.3}{mark}"),
+                    (Some(mean), Some(o)) => format!("{:.3}+-{o:.3}{mark}", rounded(mean, 3)),
                     _ => format!("fell{mark}"),
                 };
                 write!(f, "  {cell:>15}")?;

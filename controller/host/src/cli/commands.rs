@@ -33,7 +33,8 @@ pub enum Command {
     Identify(TargetArgs),
     /// Show the status of a controller.
     Status(TargetArgs),
-    /// Have a controller run another policy, from the leg's next apex on.
+    /// Have a controller run another policy, from the leg's next apex on: uploads it as `policy
+    /// upload` does, waits for the apex, and prints the policy that ran before.
     Swap {
         /// The policy blob; it is checked before anything changes.
         #[arg(value_name = "FILE")]
@@ -66,7 +67,8 @@ pub enum Command {
 pub enum PolicyCommand {
     /// Show the content of the two slots.
     List(TargetArgs),
-    /// Upload a policy into the idle slot; it runs from the leg's next apex on.
+    /// Upload a policy into the idle slot; it runs from the leg's next apex on. Prints slot,
+    /// progress and times; `swap` does the same and prints the policy that ran before.
     Upload {
         /// The policy blob; it is checked before anything is sent.
         #[arg(value_name = "FILE")]

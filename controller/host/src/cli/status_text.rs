@@ -98,17 +98,17 @@ impl fmt::Display for Table<'_> {
         let peer = s.peer.pid.map_or_else(String::new, |pid| format!(", process {pid}"));
         writeln!(
             f,
-            "state       {activity}{peer}; legs met {}, lost {}",
+            "state       {activity}{peer}; {} legs have connected, {} of them are gone",
             s.peer.connections, s.peer.losses
         )?;
         let p = &s.policy;
         writeln!(f, "policy      {} ({}), from {}", p.name, p.crc32, p.file)?;
         writeln!(f, "            {}", p.provenance)?;
         let ago_s = UNIX_EPOCH.elapsed().unwrap_or_default().as_secs_f64() - s.since_unix_s;
-        write!(f, "since       {ago_s:.1} s")?;
+        write!(f, "in force    for {ago_s:.1} s")?;
         match s.since {
-            Some(at) => writeln!(f, ", {}; swaps {}", Tick(at), s.swaps)?,
-            None => writeln!(f, ", no tick yet; swaps {}", s.swaps)?,
+            Some(at) => writeln!(f, ", since {}; swaps {}", Tick(at), s.swaps)?,
+            None => writeln!(f, ", in no tick yet; swaps {}", s.swaps)?,
         }
         if let Some(next) = &s.pending {
             writeln!(f, "next        {} ({}), at the next apex", next.name, next.crc32)?;

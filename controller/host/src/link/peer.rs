@@ -23,6 +23,6 @@ pub struct PeerStatus {
     pub pid: Option<u32>,
     /// How often a peer has connected.
     pub connections: u64,
-    /// How often a connected peer was lost.
+    /// How often a connected peer was gone, by the end of its run or otherwise.
     pub losses: u64,
 }

@@ -10,6 +10,13 @@ use crate::scenario::Settings;
 use crate::session::real_time::{OnFall, Options};
 
 /// Plays a scenario with a controller, in lock-step or in real time.
+///
+/// Of the result: hops are touchdowns. Apexes are those of the leg's path; the controller also
+/// counts the start, if the leg falls from it, and not one in the last tick, so that its count may
+/// differ by one. Ticks in the safe state are those before the first apex, when the leg waits
+/// upright for the controller's first decision, and those without a valid message for 10 ms.
+/// Rejected samples are those that the controller's guard did not use: missing, stale (the same
+/// again) or not plausible.
 #[derive(Debug, clap::Args)]
 pub(in crate::cli) struct Args {
     /// Read the scenario from this TOML file; options override its values.

@@ -12,7 +12,7 @@ use leg_host::reconnect::LinkEvent;
 use leg_host::shm::ConnectError;
 use leg_host::{SessionParams, TimeMode};
 use leg_process::stdout;
-use leg_process::{Stop, stderr};
+use leg_process::{Stop, rounded, stderr};
 
 use super::super::recording::Recording;
 use super::super::{checked_policy, misuse};
@@ -131,7 +131,9 @@ pub(super) fn print_summary(outcome: &Outcome) -> io::Result<()> {
     };
     stdout::print_line(format_args!(
         "{ending} after {:.3} s ({} ticks), {:.3} m",
-        report.sim_time_s, report.ticks, report.distance_m
+        report.sim_time_s,
+        report.ticks,
+        rounded(report.distance_m, 3)
     ))?;
     stdout::print_line(format_args!(
         "hops {}, apexes {}, falls {}, ticks in the safe state {}, samples rejected {}",
@@ -151,7 +153,8 @@ pub(super) fn exit_status(outcome: &Outcome) -> ExitCode {
         ));
     }
     if outcome.ending == Ending::Fall {
-        stderr::print_line(format_args!("sim-host: the leg fell at x = {:.2} m", outcome.body.x_m));
+        let x_m = rounded(outcome.body.x_m, 2);
+        stderr::print_line(format_args!("sim-host: the leg fell at x = {x_m:.2} m"));
         return ExitCode::from(1);
     }
     ExitCode::SUCCESS

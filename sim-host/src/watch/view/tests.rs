@@ -219,7 +219,7 @@ fn draws_every_value_and_whole_titles_at_usual_sizes() {
         "missing      22 ",
         "stale        23 ",
         "safe entered 24 ",
-        "peer lost    25 ",
+        "legs gone    25 ",
     ];
     for (width, height) in [(80, 24), (100, 30), (120, 40)] {
         for scene in [&lock_step, &in_real_time()] {
