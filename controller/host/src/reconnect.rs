@@ -7,11 +7,8 @@
 use std::fmt;
 use std::time::{Duration, Instant};
 
-use crate::link::{Link, LinkError, Peer, Role};
+use crate::link::{Link, LinkError, Peer, Silence, receive_reporting_silence};
 use crate::shm::{ConnectError, Message, MissingPeer, ShmLink};
-
-/// Silence of a connected peer that is reported as [`LinkEvent::Silent`].
-const REPORT_AFTER: Duration = Duration::from_secs(1);
 
 /// A change of the peer during a run.
 #[derive(Debug)]
@@ -32,22 +29,8 @@ pub enum LinkEvent {
         /// How long the link was without a peer.
         after: Duration,
     },
-    /// The peer is alive but sends nothing.
-    Silent {
-        /// Role of the peer.
-        role: Role,
-        /// How long the peer has been silent.
-        waited: Duration,
-        /// How long the link waits in total.
-        timeout: Duration,
-    },
-    /// The peer sends again after it was silent.
-    Resumed {
-        /// Role of the peer.
-        role: Role,
-        /// How long the peer was silent.
-        after: Duration,
-    },
+    /// The peer is alive but sends nothing, or sends again.
+    Silence(Silence),
 }
 
 impl fmt::Display for LinkEvent {
@@ -66,16 +49,7 @@ impl fmt::Display for LinkEvent {
                 "the {role} is back (process {pid}) after {:.2} s; the run continues",
                 after.as_secs_f64()
             ),
-            Self::Silent { role, waited, timeout } => write!(
-                f,
-                "the {role} is alive but has sent nothing for {:.0} s; is it stopped? The run \
-                 waits for up to {} s",
-                waited.as_secs_f64(),
-                timeout.as_secs_f64()
-            ),
-            Self::Resumed { role, after } => {
-                write!(f, "the {role} sends again after {:.2} s", after.as_secs_f64())
-            }
+            Self::Silence(silence) => silence.fmt(f),
         }
     }
 }
@@ -161,36 +135,19 @@ where
     }
 
     fn receive(&mut self, timeout: Duration) -> Result<Option<In>, LinkError> {
-        let role = In::SENDER;
-        // The clock is read only after a first wait without success: most replies come at once.
-        let mut silent_since: Option<Instant> = None;
-        let mut wait = timeout.min(REPORT_AFTER);
         loop {
-            match self.link.receive(wait) {
-                Ok(Some(message)) => {
-                    if let Some(since) = silent_since {
-                        (self.on_event)(&LinkEvent::Resumed { role, after: since.elapsed() });
+            let report = |silence: &Silence| (self.on_event)(&LinkEvent::Silence(*silence));
+            let (link, role) = (&mut self.link, In::SENDER);
+            match receive_reporting_silence(link, role, Some(timeout), report) {
+                Ok(message) => {
+                    if message.is_some() {
+                        self.unanswered = None;
                     }
-                    self.unanswered = None;
-                    return Ok(Some(message));
-                }
-                Ok(None) => {
-                    let is_first = silent_since.is_none();
-                    let now = Instant::now();
-                    let since = *silent_since.get_or_insert(now.checked_sub(wait).unwrap_or(now));
-                    let waited = since.elapsed();
-                    if waited >= timeout {
-                        return Ok(None);
-                    }
-                    if is_first {
-                        (self.on_event)(&LinkEvent::Silent { role, waited, timeout });
-                    }
-                    wait = timeout.saturating_sub(waited);
+                    return Ok(message);
                 }
                 Err(cause) => {
                     self.reconnect(cause)?;
                     self.send_unanswered()?;
-                    (silent_since, wait) = (None, timeout.min(REPORT_AFTER));
                 }
             }
         }

@@ -1,10 +1,8 @@
 //! The control loop in lock-step: a command for every sample, until the leg ends its run.
 
-use std::fmt;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use super::link::Role;
-use super::link::{ControllerLink, LinkError};
+use super::link::{ControllerLink, LinkError, Role, Silence, receive_reporting_silence};
 use leg_control::wire::{Command, Sample};
 
 /// Why the control loop ended early.
@@ -21,7 +19,7 @@ pub enum ServeError {
     },
     /// The leg lives but sends nothing.
     #[error(
-        "after {ticks} ticks: the {role} lives but has sent nothing for {waited_s} s; is it stopped?",
+        "after {ticks} ticks: the {role} is alive but has sent nothing for {waited_s} s; is it stopped?",
         role = Role::Leg
     )]
     Silent {
@@ -31,9 +29,6 @@ pub enum ServeError {
         waited_s: f64,
     },
 }
-
-/// A silence of this length is reported.
-const REPORT_AFTER: Duration = Duration::from_secs(1);
 
 /// Answers every sample by `law`, until a sample
 /// [ends the run](Sample::ends_the_run). Returns the number of samples answered.
@@ -61,7 +56,12 @@ pub fn serve_reporting_silence(
 ) -> Result<u64, ServeError> {
     let mut ticks = 0;
     loop {
-        let sample = match next(link, timeout, ticks > 0, &mut on_silence) {
+        let report = |silence: &Silence| {
+            if ticks > 0 {
+                on_silence(silence);
+            }
+        };
+        let sample = match receive_reporting_silence(link, Role::Leg, timeout, report) {
             Ok(Some(sample)) => sample,
             Ok(None) => {
                 let waited_s = timeout.unwrap_or_default().as_secs_f64();
@@ -75,62 +75,6 @@ pub fn serve_reporting_silence(
         let command = law(&sample);
         link.send(&command).map_err(|cause| ServeError::Link { ticks, cause })?;
         ticks += 1;
-    }
-}
-
-/// A silence of a leg that lives, in the middle of its run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Silence {
-    /// The silence so far.
-    Lasts(Duration),
-    /// The silence is over; its length.
-    Over(Duration),
-}
-
-impl fmt::Display for Silence {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let role = Role::Leg;
-        match self {
-            Self::Lasts(time) => write!(
-                f,
-                "the {role} lives but has sent nothing for {:.0} s; is it stopped? Still waiting",
-                time.as_secs_f64()
-            ),
-            Self::Over(time) => {
-                write!(f, "the {role} goes on, after {:.2} s", time.as_secs_f64())
-            }
-        }
-    }
-}
-
-/// Returns the next sample; `None` when none has arrived for `timeout`.
-fn next(
-    link: &mut impl ControllerLink,
-    timeout: Option<Duration>,
-    is_in_run: bool,
-    on_silence: &mut impl FnMut(&Silence),
-) -> Result<Option<Sample>, LinkError> {
-    let wait = timeout.unwrap_or(REPORT_AFTER).min(REPORT_AFTER);
-    // The clock is read when the first wait is over: most samples arrive at once.
-    if let Some(sample) = link.receive(wait)? {
-        return Ok(Some(sample));
-    }
-    let since = Instant::now();
-    if is_in_run && timeout.is_none_or(|timeout| timeout > wait) {
-        on_silence(&Silence::Lasts(wait));
-    }
-    loop {
-        let waited = wait + since.elapsed();
-        let left = timeout.map_or(REPORT_AFTER, |timeout| timeout.saturating_sub(waited));
-        if left.is_zero() {
-            return Ok(None);
-        }
-        if let Some(sample) = link.receive(left.min(REPORT_AFTER))? {
-            if is_in_run {
-                on_silence(&Silence::Over(wait + since.elapsed()));
-            }
-            return Ok(Some(sample));
-        }
     }
 }
 

@@ -5,8 +5,8 @@ use anyhow::Context;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{Node, NodeBuilder, SignalHandlingMode, ZeroCopySend, ipc};
-use leg_host::Domain;
-use leg_host::shm;
+use leg_host::discovery::Session;
+use leg_host::{Domain, shm};
 
 use super::{Ping, Pong, spin_for};
 
@@ -29,7 +29,9 @@ where
     In: ZeroCopySend + Copy + std::fmt::Debug + 'static,
 {
     fn open(domain: &Domain, out: &str, back: &str) -> anyhow::Result<Self> {
-        let config = shm::config(domain).map_err(anyhow::Error::msg)?;
+        let session =
+            Session { prefix: domain.prefix().to_owned(), folder: domain.root().to_owned() };
+        let config = shm::config(&session).map_err(anyhow::Error::msg)?;
         let node = NodeBuilder::new()
             .config(&config)
             .signal_handling_mode(SignalHandlingMode::Disabled)

@@ -157,7 +157,8 @@ impl Forwarder {
 
     /// Warns if the policy was trained for another leg; that is allowed.
     fn compare_legs(&mut self, link: &ShmController) {
-        if let (Some(policy), Some(played)) = (&self.device.identity.policy, link.peer_leg())
+        if let (Some(policy), Some(played)) =
+            (&self.device.identity.policy, link.peer().and_then(|leg| leg.leg))
             && policy.leg != played
         {
             let name = policy.name.clone();

@@ -148,14 +148,15 @@ pub fn connect_and_run<R>(
     let mut child =
         connect.start.as_ref().map(ControllerChild::spawn).transpose().map_err(PlayError::Start)?;
 
-    let link = ShmLeg::connect_while(&domain, params, connect.timeout, stop, |missing| {
+    let mut link = ShmLeg::open(&domain, params, stop)?;
+    let connected = link.wait_for_peer(Some(connect.timeout), |missing| {
         on_event(SessionEvent::Missing(missing));
         child.as_mut().is_none_or(|child| child.ended().is_none())
     });
-    let link = match (link, child.as_mut().and_then(ControllerChild::ended)) {
+    match (connected, child.as_mut().and_then(ControllerChild::ended)) {
         (Err(_), Some(status)) => return Err(PlayError::Controller(status)),
-        (link, _) => link?,
-    };
+        (connected, _) => drop(connected?),
+    }
     let mut may_wait = || child.as_mut().is_none_or(|child| child.ended().is_none());
     let outcome = run(Connected {
         link,

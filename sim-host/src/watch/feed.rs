@@ -107,6 +107,9 @@ impl Feed {
     fn check_presence(&mut self, scene: &mut Scene) {
         let players = Participants::of(&self.domain).unwrap_or_default();
         scene.players = players;
+        if self.observer.as_ref().is_some_and(Observer::is_over) {
+            self.observer = None;
+        }
         if !players.any() {
             if self.observer.take().is_some() {
                 scene.clear();

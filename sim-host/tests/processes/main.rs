@@ -136,10 +136,11 @@ fn reports_a_killed_simulator_and_accepts_another() {
 fn accepts_a_new_peer_before_the_death_of_the_old_one_is_noticed() {
     let place = Place::new();
     let mut simulator = place.simulator(&ENDLESS);
-    let controller = place.controller(&LONG_TIMEOUT);
+    let mut controller = place.controller(&LONG_TIMEOUT);
     place.wait_for_the_run(None);
     // It can neither notice the loss of its peer nor clean up.
     simulator.signal(Signal::STOP);
+    let dead = controller.pid();
     controller.kill();
     let mut successor = place.controller(&LONG_TIMEOUT);
     let pid = successor.pid();
@@ -150,7 +151,7 @@ fn accepts_a_new_peer_before_the_death_of_the_old_one_is_noticed() {
     simulator.signal(Signal::INT);
     let simulator = simulator.end();
     simulator.assert(1, &["stopped by a signal"]);
-    for message in ["has taken its role", "is back"] {
+    for message in [&format!("the controller (process {dead}) died")[..], "is back"] {
         assert_eq!(simulator.err.matches(message).count(), 1, "{}", simulator.err);
     }
     successor.end().assert(1, &["left before the run was over"]);

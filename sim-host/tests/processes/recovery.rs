@@ -1,14 +1,14 @@
 //! Peers that leave and return, and peers that are refused.
 
-use std::fs::{self, File};
-use std::io::Write as _;
-use std::time::Duration;
+use std::io::{BufRead, BufReader, Write};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::time::{Duration, Instant};
 
 use leg_host::Domain;
 use rustix::process::Signal;
 
 use super::place::Place;
-use super::{ENDLESS, LONG_TIMEOUT, SHORT};
+use super::{ENDLESS, LONG_TIMEOUT, SHORT, SOON};
 
 /// Long enough to be interrupted: more than a second on any machine.
 const LONG_RUN: [&str; 4] = ["--duration", "400", "--timeout", "30"];
@@ -25,8 +25,6 @@ fn a_run_continues_with_the_next_controller() {
     place.wait_for_the_run(None);
     let first = controller.pid();
     controller.kill();
-    // The loss is noticed before another takes its place.
-    std::thread::sleep(Duration::from_millis(100));
     let mut controller = place.controller(&LONG_TIMEOUT);
     place.wait_for_status(|status| status["ticks"].as_u64() > Some(0));
     // The second ends by a signal.
@@ -67,7 +65,7 @@ fn a_stopped_and_continued_controller_does_not_change_the_run() {
     assert_eq!(count(err, "the controller is alive but has sent nothing for 1 s"), 1, "{err}");
     assert_eq!((count(err, "sends again after"), err.lines().count()), (1, 2), "{err}");
     let err = &controller.assert_ok().err;
-    assert_eq!(count(err, "the simulator lives but has sent nothing for 1 s"), 1, "{err}");
+    assert_eq!(count(err, "the simulator is alive but has sent nothing for 1 s"), 1, "{err}");
     assert_eq!((count(err, "goes on"), err.lines().count()), (1, 2), "{err}");
     place.assert_clean();
 }
@@ -106,46 +104,50 @@ fn a_controller_serves_run_after_run_however_they_end() {
     place.assert_clean();
 }
 
-/// Imitates a program of a later release.
+/// The first line of a program of a later release.
+const HELLO: &str = r#"{"hello":{"pid":7,"params":{"wire_version":9,"rate_hz":1000,"gravity_m_s2":9.81,"leg":null,"time_mode":null,"novelty":3},"novelty":3}}"#;
+
 #[test]
 fn refuses_a_peer_of_another_wire_version() {
     let place = Place::new();
     let domain = Domain::join(place.domain()).expect("a domain");
-    let role_lock = |role: &str| {
-        let path = domain.root().join(format!("{role}.role"));
-        let mut role_lock = File::create(&path).expect("a lock file");
-        role_lock.lock().expect("its lock");
-        let pid = std::process::id();
-        write!(
-            role_lock,
-            "tenure 5\npid {pid}\nwire 9\nrate_hz 1000\nnovelty 3\ngravity_m_s2 9.81\n"
-        )
-        .unwrap();
-        (role_lock, path)
+    let path = domain.root().join("session.sock");
+    let later_leg = || {
+        let deadline = Instant::now() + SOON;
+        let mut socket = loop {
+            match UnixStream::connect(&path) {
+                Ok(socket) => break socket,
+                Err(cause) => assert!(Instant::now() < deadline, "{cause}"),
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        };
+        writeln!(socket, "{HELLO}").unwrap();
+        // It learns about the controller, too.
+        let mut answer = String::new();
+        BufReader::new(&socket).read_line(&mut answer).unwrap();
+        assert!(answer.contains(r#""wire_version":1"#), "{answer}");
+        socket
     };
-    let (lock, path) = role_lock("leg");
-    let controller = place.controller(&LONG_TIMEOUT).end();
+    let controller = place.controller(&LONG_TIMEOUT);
+    drop(later_leg());
     let parts = ["the simulator uses version 9", "this program version 1", "the same release"];
-    controller.assert(1, &parts);
+    controller.end().assert(1, &parts);
     // A controller that stays reports that once.
-    fs::remove_file(path).unwrap();
-    drop(lock);
     let mut staying = place.staying(&[]);
+    let leg = later_leg();
     place.wait_for_status(|status| status["activity"] == "waiting");
-    let (lock, path) = role_lock("leg");
-    std::thread::sleep(Duration::from_millis(300));
+    drop(leg);
+    drop(later_leg());
     staying.signal(Signal::TERM);
     let staying = staying.end();
     let err = &staying.assert_ok().err;
-    assert_eq!(count(err, "the simulator uses version 9"), 1, "{err}");
-    fs::remove_file(path).unwrap();
-    drop(lock);
+    assert_eq!(count(err, "the simulator uses version 9"), 2, "once for each: {err}");
 
-    let (lock, path) = role_lock("controller");
-    let simulator = place.simulator(&LONG_TIMEOUT).end();
-    simulator.assert(1, &["the controller uses version 9", "this program version 1"]);
-    fs::remove_file(path).unwrap();
-    drop((lock, domain));
+    let listener = UnixListener::bind(&path).expect("a socket");
+    let simulator = place.simulator(&LONG_TIMEOUT);
+    writeln!(listener.accept().expect("a leg").0, "{HELLO}").unwrap();
+    simulator.end().assert(1, &["the controller uses version 9", "this program version 1"]);
+    drop(domain);
     place.assert_clean();
 }
 

@@ -8,11 +8,11 @@ use std::fmt::Display;
 
 use crate::discovery::DomainError;
 use crate::json_socket::AskError;
-use crate::link::{LinkError, Role, TimeMode};
+use crate::link::{LinkError, Role, SessionParams, TimeMode};
 use crate::reconnect::LinkEvent;
 use crate::serial::ClientError;
 use crate::serve::ServeError;
-use crate::shm::{ConnectError, MissingPeer, PeerEvent};
+use crate::shm::{ConnectError, MissingPeer, Parameter, PeerEvent};
 
 /// Joins a message and a hint, if there is one. After a question the hint is a sentence.
 #[must_use]
@@ -39,7 +39,8 @@ pub fn start_command(role: Role) -> &'static str {
 /// Returns the hint on a peer that has not connected.
 #[must_use]
 pub fn missing_peer(missing: &MissingPeer) -> String {
-    let MissingPeer { peer, domain, rate_hz, gravity_m_s2, time_mode, .. } = missing;
+    let MissingPeer { peer, domain, params, .. } = missing;
+    let SessionParams { rate_hz, gravity_m_s2, time_mode, .. } = params;
     let real_time = if *time_mode == Some(TimeMode::RealTime) { " --real-time" } else { "" };
     format!(
         "start one with `{} --domain {domain} --rate {rate_hz} --gravity {gravity_m_s2}{real_time}`",
@@ -57,11 +58,12 @@ pub fn connect_error(error: &ConnectError) -> Option<String> {
         ConnectError::RoleTaken { .. } => {
             Some("end it, or choose another --domain for both sides".to_owned())
         }
-        ConnectError::Rate { .. } => Some("give both the same --rate".to_owned()),
-        ConnectError::Gravity { .. } => Some("give both the same --gravity".to_owned()),
-        ConnectError::TimeMode { .. } => {
-            Some("give --real-time to both sides, or to neither".to_owned())
-        }
+        ConnectError::Disagreement { parameter, .. } => match parameter {
+            Parameter::WireVersion => None,
+            Parameter::Rate => Some("give both the same --rate".to_owned()),
+            Parameter::Gravity => Some("give both the same --gravity".to_owned()),
+            Parameter::TimeMode => Some("give --real-time to both sides, or to neither".to_owned()),
+        },
         ConnectError::Domain(error) => domain_error(error),
         _ => None,
     }
@@ -164,15 +166,14 @@ mod tests {
             peer: Role::Controller,
             domain: "d".to_owned(),
             waited: Duration::from_secs(1),
-            rate_hz: 500,
-            gravity_m_s2: 9.81,
-            time_mode: Some(TimeMode::LockStep),
+            params: SessionParams::at(500),
             whereabouts: Whereabouts::default(),
         };
         let command =
             "start one with `controller --policy FILE --domain d --rate 500 --gravity 9.81";
         assert_eq!(missing_peer(&missing), format!("{command}`"));
-        let missing = MissingPeer { time_mode: Some(TimeMode::RealTime), ..missing };
+        let params = missing.params.with_time_mode(TimeMode::RealTime);
+        let missing = MissingPeer { params, ..missing };
         assert_eq!(missing_peer(&missing), format!("{command} --real-time`"));
         let hint = connect_error(&ConnectError::PeerMissing(Box::new(missing))).unwrap();
         assert!(hint.ends_with("; --timeout sets how long to wait"), "{hint}");
@@ -180,19 +181,14 @@ mod tests {
 
     #[test]
     fn each_disagreement_names_the_option_that_must_be_equal() {
-        let peer = Role::Leg;
-        for (error, option) in [
-            (ConnectError::Rate { peer, theirs: 1, ours: 2 }, "--rate"),
-            (ConnectError::Gravity { peer, theirs: 1.0, ours: 2.0 }, "--gravity"),
-            (
-                ConnectError::TimeMode {
-                    peer,
-                    theirs: TimeMode::LockStep,
-                    ours: TimeMode::RealTime,
-                },
-                "--real-time",
-            ),
+        let (peer, theirs, ours) = (Role::Leg, "1".to_owned(), "2".to_owned());
+        for (parameter, option) in [
+            (Parameter::Rate, "--rate"),
+            (Parameter::Gravity, "--gravity"),
+            (Parameter::TimeMode, "--real-time"),
         ] {
+            let (theirs, ours) = (theirs.clone(), ours.clone());
+            let error = ConnectError::Disagreement { peer, parameter, theirs, ours };
             assert!(connect_error(&error).unwrap().contains(option), "{error}");
         }
     }

@@ -21,7 +21,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::room::{self, NoRoom};
-use super::unfinished::{self, Sweeper};
+use super::unfinished::Sweeper;
 
 /// The domain used when no name is given.
 pub const DEFAULT_DOMAIN: &str = "default";
@@ -35,9 +35,6 @@ pub(super) const BASE_PREFIX: &str = "spring-leg-";
 
 /// How long to wait while another process joins or leaves the same domain.
 const CLEAN_UP_TIMEOUT: Duration = Duration::from_secs(2);
-/// How long to wait while another process creates its services and ports: it retries each
-/// for up to 2 s.
-const CREATION_TIMEOUT: Duration = Duration::from_secs(10);
 const RETRY: Duration = Duration::from_millis(2);
 
 /// A domain could not be joined.
@@ -99,7 +96,7 @@ pub enum DomainError {
     },
 }
 
-fn io_error<'a>(
+pub(super) fn io_error<'a>(
     action: &'static str,
     path: &'a Path,
 ) -> impl FnOnce(io::Error) -> DomainError + 'a {
@@ -268,7 +265,7 @@ impl Domain {
                 if folder.lock(File::try_lock_shared)? {
                     remove_abandoned(base, name);
                     let (name, base) = (name.to_owned(), base.to_owned());
-                    let sweeper = Sweeper::start(path.clone(), folder.prefix.clone())
+                    let sweeper = Sweeper::start(folder.prefix.clone())
                         .map_err(io_error("start a thread that watches", &path))?;
                     return Ok(Arc::new(Self { name, base, folder, _sweeper: sweeper }));
                 }
@@ -308,33 +305,6 @@ impl Domain {
         } else {
             Err(DomainError::Removed { path: self.root().to_owned() })
         }
-    }
-
-    /// Locks the creation of services and ports, until the returned file is dropped, and
-    /// removes what killed processes have left unfinished.
-    ///
-    /// # Errors
-    /// Returns [`DomainError::Busy`] when another process keeps the lock for longer than
-    /// 10 s, or another error when the file system fails.
-    pub fn lock_creation(&self) -> Result<File, DomainError> {
-        let path = self.root().join("creation.lock");
-        let open = File::options().create(true).truncate(false).write(true).open(&path);
-        let file = open.map_err(io_error("open", &path))?;
-        let deadline = Instant::now() + CREATION_TIMEOUT;
-        loop {
-            match file.try_lock() {
-                Ok(()) => break,
-                Err(TryLockError::WouldBlock) if Instant::now() < deadline => {
-                    std::thread::sleep(RETRY);
-                }
-                Err(TryLockError::WouldBlock) => {
-                    return Err(DomainError::Busy { path, waited: CREATION_TIMEOUT });
-                }
-                Err(TryLockError::Error(cause)) => return Err(io_error("lock", &path)(cause)),
-            }
-        }
-        unfinished::remove_services_and_ports(self.root(), self.prefix());
-        Ok(file)
     }
 
     /// Reserves pages for all objects of shared memory that the domain has now.

@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use super::domain::{BASE_PREFIX, SHARED_MEMORY, check_name, has_orphans, paths_in};
-use super::role_lock::{Presence, presence_in};
+use super::role_lock::{Holder, holder};
 use crate::link::Role;
 
 /// Where a process in a role was looked for, and where one may be instead.
@@ -12,6 +12,8 @@ use crate::link::Role;
 pub struct Whereabouts {
     /// The folder of the domain in which it was looked for.
     pub folder: PathBuf,
+    /// A process that holds the role and does not answer.
+    pub silent: Option<Holder>,
     /// Other domains of this user in which a process holds the role.
     pub domains: Vec<String>,
     /// Ids of other users who have, or had, domains on this machine. Processes of two
@@ -31,7 +33,7 @@ impl Whereabouts {
         let name = name.to_string_lossy();
         let mut domains: Vec<String> = names(base)
             .filter(|other| *other != name && check_name(other).is_ok())
-            .filter(|other| matches!(presence_in(&base.join(other), role), Ok(Presence::Alive(_))))
+            .filter(|other| matches!(holder(&base.join(other), role), Ok(Some(_))))
             .collect();
         domains.sort_unstable();
         let own = rustix::process::getuid().as_raw();
@@ -41,7 +43,8 @@ impl Whereabouts {
             .collect();
         users.sort_unstable();
         let has_orphans = has_orphans(base, &name);
-        Self { folder: folder.to_owned(), domains, users, has_orphans }
+        let silent = holder(folder, role).ok().flatten();
+        Self { folder: folder.to_owned(), silent, domains, users, has_orphans }
     }
 }
 
@@ -53,6 +56,11 @@ fn names(folder: &Path) -> impl Iterator<Item = String> {
 impl fmt::Display for Whereabouts {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, " ({}", self.folder.display())?;
+        if let Some(Holder { pid }) = self.silent {
+            let process =
+                pid.map_or_else(|| "a process".to_owned(), |pid| format!("process {pid}"));
+            write!(f, "; {process} holds the role and does not answer: is it stopped?")?;
+        }
         if !self.domains.is_empty() {
             write!(f, "; one runs in the domain {}", self.domains.join(", "))?;
         }

@@ -1,25 +1,21 @@
-//! Removes the objects that a process began to create and was killed before it had
+//! Removes the shared memory that an observer began to create and was killed before it had
 //! finished.
 //!
 //! Whoever opens such an object waits for its creator, in iceoryx2 0.10.0 in one case
-//! without limit. A process that is alone in a domain removes everything of its
-//! predecessors when it joins. Where others live:
-//!
-//! - Services and ports are created under a lock. Whoever gets it knows that their
-//!   creators are dead, and removes what is unfinished at once.
-//! - Connections between ports are created without it, while the loops run. A thread
-//!   removes those that have been unfinished for longer than creation can take.
+//! without limit. Leg and controller create and open theirs in turns, and a session whose
+//! other end is lost is not opened any more; but observers come and go while the loops run.
+//! A thread removes what has been unfinished for longer than creation can take.
 
 use std::collections::HashMap;
 use std::fs::{self, Metadata};
 use std::io;
 use std::os::unix::fs::PermissionsExt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::mpsc::{self, RecvTimeoutError, Sender};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use super::domain::{objects, paths_in};
+use super::domain::objects;
 
 /// Interval between two searches.
 const INTERVAL: Duration = Duration::from_millis(250);
@@ -35,13 +31,15 @@ pub(super) struct Sweeper {
 }
 
 impl Sweeper {
-    /// Starts the thread for the domain in `folder`, whose shared memory has `prefix`.
-    pub(super) fn start(folder: PathBuf, prefix: String) -> io::Result<Self> {
+    /// Starts the thread for shared memory whose names start with `prefix`.
+    pub(super) fn start(prefix: String) -> io::Result<Self> {
         let (end, ended) = mpsc::channel();
         let thread = std::thread::Builder::new().name("sweeper".into()).spawn(move || {
             let mut seen = FirstSeen::default();
             while let Err(RecvTimeoutError::Timeout) = ended.recv_timeout(INTERVAL) {
-                remove(seen.abandoned(unfinished(&folder, &prefix), Instant::now()));
+                for path in seen.abandoned(unfinished(&prefix), Instant::now()) {
+                    let _ = fs::remove_file(path);
+                }
             }
         })?;
         Ok(Self { end: Some(end), thread: Some(thread) })
@@ -77,32 +75,11 @@ impl FirstSeen {
     }
 }
 
-/// Removes the unfinished services and ports of a domain. The caller must hold the lock
-/// under which they are created.
-pub(super) fn remove_services_and_ports(folder: &Path, prefix: &str) {
-    let is_connection =
-        |path: &PathBuf| path.extension().is_some_and(|extension| extension == "connection");
-    remove(unfinished(folder, prefix).filter(|path| !is_connection(path)));
-}
-
-fn remove(paths: impl Iterator<Item = PathBuf>) {
-    for path in paths {
-        let _ = fs::remove_file(path);
-    }
-}
-
-/// Returns the paths of the unfinished objects of a domain.
-fn unfinished(folder: &Path, prefix: &str) -> impl Iterator<Item = PathBuf> {
-    // Shared memory is empty until it has its size. Files may be empty; like memory, they
-    // become readable when they are finished.
-    let memory = objects(prefix).filter(|path| is(path, |m| m.len() == 0 || !is_readable(m)));
-    let folders: Vec<_> = paths_in(folder).filter(|path| path.is_dir()).collect();
-    let files = folders.into_iter().flat_map(|folder| walk(&folder));
-    memory.chain(files.filter(|path| is(path, |m| !is_readable(m))))
-}
-
-fn is(path: &Path, criterion: impl FnOnce(&Metadata) -> bool) -> bool {
-    fs::symlink_metadata(path).is_ok_and(|metadata| criterion(&metadata))
+/// Returns the paths of the unfinished objects whose names start with `prefix`: empty until
+/// they have their size, then unreadable until they have their contents.
+fn unfinished(prefix: &str) -> impl Iterator<Item = PathBuf> {
+    let is_unfinished = |found: Metadata| found.len() == 0 || !is_readable(&found);
+    objects(prefix).filter(move |path| fs::symlink_metadata(path).is_ok_and(is_unfinished))
 }
 
 fn is_readable(metadata: &Metadata) -> bool {
@@ -110,15 +87,10 @@ fn is_readable(metadata: &Metadata) -> bool {
     metadata.permissions().mode() & OWNER_READS != 0
 }
 
-/// Returns the paths of the files in a folder and in the folders below.
-fn walk(folder: &Path) -> Vec<PathBuf> {
-    let (folders, mut files): (Vec<_>, Vec<_>) = paths_in(folder).partition(|path| path.is_dir());
-    files.extend(folders.iter().flat_map(|folder| walk(folder)));
-    files
-}
-
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use super::*;
     use crate::discovery::Domain;
 
@@ -126,36 +98,31 @@ mod tests {
     fn what_a_killed_process_left_unfinished_is_removed_and_nothing_else() {
         let dir = tempfile::tempdir().unwrap();
         let domain = Domain::join_in(dir.path(), "d").unwrap();
-        let nodes = domain.root().join("nodes/1");
-        fs::create_dir_all(&nodes).unwrap();
-        let memory = |name: &str| Path::new("/dev/shm").join(format!("{}{name}", domain.prefix()));
-        let write = |path: PathBuf, bytes: &str, mode: u32| {
+        let write = |name: &str, bytes: &str, mode: u32| {
+            let path = Path::new("/dev/shm").join(format!("{}{name}", domain.prefix()));
             fs::write(&path, bytes).unwrap();
             fs::set_permissions(&path, fs::Permissions::from_mode(mode)).unwrap();
             path
         };
-        let services_and_ports = [
-            write(memory("empty.dynamic"), "", 0o600),
-            write(memory("unreadable.data"), "x", 0o200),
-            write(nodes.join("details"), "x", 0o200),
-        ];
-        let connection = write(memory("empty.connection"), "", 0o600);
-        let finished = [
-            write(memory("whole.data"), "x", 0o600),
-            write(nodes.join("tag"), "", 0o400),
-            write(domain.root().join("leg.role"), "", 0o600),
-        ];
-        let _lock = domain.lock_creation().unwrap();
-        assert!(!services_and_ports.iter().any(|path| path.exists()), "their creator is dead");
-        assert!(connection.exists(), "its creator may live");
-
+        let mut left = [write("a.dynamic", "", 0o600), write("b.connection", "x", 0o200)];
+        let finished = write("whole.data", "x", 0o600);
         let (mut seen, start) = (FirstSeen::default(), Instant::now());
         let mut abandoned = |after: Duration| -> Vec<PathBuf> {
-            seen.abandoned(unfinished(domain.root(), domain.prefix()), start + after).collect()
+            let mut paths: Vec<_> =
+                seen.abandoned(unfinished(domain.prefix()), start + after).collect();
+            paths.sort_unstable();
+            paths
         };
-        assert!(abandoned(Duration::ZERO).is_empty());
+        left.sort_unstable();
+        assert!(abandoned(Duration::ZERO).is_empty(), "their creator may live");
         assert!(abandoned(ABANDONED_AFTER / 2).is_empty());
-        assert_eq!(abandoned(ABANDONED_AFTER), [connection]);
-        assert!(finished.iter().all(|path| path.exists()), "{finished:?}");
+        assert_eq!(abandoned(ABANDONED_AFTER), left);
+
+        let deadline = Instant::now() + Duration::from_secs(20);
+        while left.iter().any(|path| path.exists()) {
+            assert!(Instant::now() < deadline, "the thread removes them");
+            std::thread::sleep(INTERVAL);
+        }
+        assert!(finished.exists());
     }
 }

@@ -24,16 +24,6 @@ pub enum LinkError {
         /// Process id of the peer.
         pid: u32,
     },
-    /// The peer is gone and another process has taken its role.
-    #[error("the {role} (process {pid}) is gone, and process {by} has taken its role")]
-    PeerReplaced {
-        /// Role of the peer.
-        role: Role,
-        /// Process id of the peer that is gone.
-        pid: u32,
-        /// Process id of its successor.
-        by: u32,
-    },
     /// The peer is gone and no other has connected in time.
     #[error("{cause}; no other connected within {:.1} s", *waited_ms as f64 * 1e-3)]
     ReconnectTimeout {
@@ -60,9 +50,7 @@ impl LinkError {
     #[must_use]
     pub fn lost_peer(&self) -> Option<u32> {
         match self {
-            Self::PeerDied { pid, .. }
-            | Self::PeerLeft { pid, .. }
-            | Self::PeerReplaced { pid, .. } => Some(*pid),
+            Self::PeerDied { pid, .. } | Self::PeerLeft { pid, .. } => Some(*pid),
             Self::ReconnectTimeout { .. } | Self::Stopped | Self::Transport { .. } => None,
         }
     }

@@ -3,6 +3,7 @@
 mod error;
 mod params;
 mod peer;
+mod silence;
 mod wait;
 
 use std::time::Duration;
@@ -12,6 +13,7 @@ use leg_control::wire::{Command, Sample};
 pub use error::LinkError;
 pub use params::{Role, SessionParams, TimeMode};
 pub use peer::{Peer, PeerStatus};
+pub use silence::{Silence, receive_reporting_silence};
 pub(crate) use wait::Waiter;
 
 /// One end of a link between a leg and its controller.

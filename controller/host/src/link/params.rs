@@ -68,7 +68,7 @@ impl fmt::Display for TimeMode {
 ///
 /// Both sides must agree on all of them except the leg: a policy may be tried on
 /// a leg for which it was not trained.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SessionParams {
     /// Version of the messages.
     pub wire_version: u16,

@@ -15,12 +15,8 @@ pub struct MissingPeer {
     pub domain: String,
     /// How long this end has waited.
     pub waited: Duration,
-    /// Tick rate that the peer must have, Hz.
-    pub rate_hz: u32,
-    /// Gravity that the peer must have, m/s2.
-    pub gravity_m_s2: f32,
-    /// Time mode that the peer must have; `None` accepts either.
-    pub time_mode: Option<TimeMode>,
+    /// The parameters that it must agree on.
+    pub params: SessionParams,
     /// Where it was looked for, and where else one runs.
     pub whereabouts: Whereabouts,
 }
@@ -55,47 +51,28 @@ pub enum ConnectError {
         /// Name of the domain.
         domain: String,
     },
-    /// The peer uses another version of the messages.
+    /// The two sides disagree on a session parameter.
+    #[error("{}", parameter.describe(*peer, theirs, ours))]
+    Disagreement {
+        /// Role of the peer.
+        peer: Role,
+        /// The first parameter on which they disagree.
+        parameter: Parameter,
+        /// Its value at the peer.
+        theirs: String,
+        /// Its value in this program.
+        ours: String,
+    },
+    /// A process has connected that does not follow the protocol of a session.
     #[error(
-        "the {peer} uses version {theirs} of the messages, this program version {ours}; build both from the same release"
+        "a process has connected as the {peer}, but its first line is not understood ({cause}); is it \
+         of another release?"
     )]
-    WireVersion {
+    NotUnderstood {
         /// Role of the peer.
         peer: Role,
-        /// Version of the peer.
-        theirs: u16,
-        /// Version of this program.
-        ours: u16,
-    },
-    /// The peer ticks at another rate.
-    #[error("the {peer} runs at {theirs} Hz, this program at {ours} Hz")]
-    Rate {
-        /// Role of the peer.
-        peer: Role,
-        /// Rate of the peer, Hz.
-        theirs: u32,
-        /// Rate of this program, Hz.
-        ours: u32,
-    },
-    /// The peer assumes another gravity.
-    #[error("the {peer} is under a gravity of {theirs} m/s2, this program under {ours} m/s2")]
-    Gravity {
-        /// Role of the peer.
-        peer: Role,
-        /// Gravity of the peer, m/s2.
-        theirs: f32,
-        /// Gravity of this program, m/s2.
-        ours: f32,
-    },
-    /// The peer runs in the other time mode.
-    #[error("the {peer} runs in {theirs}, this program in {ours}")]
-    TimeMode {
-        /// Role of the peer.
-        peer: Role,
-        /// Time mode of the peer.
-        theirs: TimeMode,
-        /// Time mode of this program.
-        ours: TimeMode,
+        /// What is wrong with it.
+        cause: String,
     },
     /// The domain cannot be joined.
     #[error(transparent)]
@@ -130,13 +107,36 @@ impl ConnectError {
     /// Another one may agree.
     #[must_use]
     pub fn is_disagreement(&self) -> bool {
-        matches!(
-            self,
-            Self::WireVersion { .. }
-                | Self::Rate { .. }
-                | Self::Gravity { .. }
-                | Self::TimeMode { .. }
-        )
+        matches!(self, Self::Disagreement { .. } | Self::NotUnderstood { .. })
+    }
+}
+
+/// A session parameter on which both sides must agree.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Parameter {
+    /// Version of the messages.
+    WireVersion,
+    /// Tick rate, Hz.
+    Rate,
+    /// Gravity, m/s2.
+    Gravity,
+    /// What advances the time.
+    TimeMode,
+}
+
+impl Parameter {
+    fn describe(self, peer: Role, theirs: &str, ours: &str) -> String {
+        match self {
+            Self::WireVersion => format!(
+                "the {peer} uses version {theirs} of the messages, this program version {ours}; build \
+                 both from the same release"
+            ),
+            Self::Rate => format!("the {peer} runs at {theirs} Hz, this program at {ours} Hz"),
+            Self::Gravity => format!(
+                "the {peer} is under a gravity of {theirs} m/s2, this program under {ours} m/s2"
+            ),
+            Self::TimeMode => format!("the {peer} runs in {theirs}, this program in {ours}"),
+        }
     }
 }
 
@@ -150,22 +150,24 @@ pub(super) fn disagreement(
     theirs: SessionParams,
     ours: SessionParams,
 ) -> Option<ConnectError> {
-    if theirs.wire_version != ours.wire_version {
-        let (theirs, ours) = (theirs.wire_version, ours.wire_version);
-        Some(ConnectError::WireVersion { peer, theirs, ours })
-    } else if theirs.rate_hz != ours.rate_hz {
-        let (theirs, ours) = (theirs.rate_hz, ours.rate_hz);
-        Some(ConnectError::Rate { peer, theirs, ours })
-    } else if theirs.gravity_m_s2.to_bits() != ours.gravity_m_s2.to_bits() {
-        let (theirs, ours) = (theirs.gravity_m_s2, ours.gravity_m_s2);
-        Some(ConnectError::Gravity { peer, theirs, ours })
-    } else if let (Some(theirs), Some(ours)) = (theirs.time_mode, ours.time_mode)
-        && theirs != ours
-    {
-        Some(ConnectError::TimeMode { peer, theirs, ours })
-    } else {
-        None
-    }
+    // A time mode is compared when both have one. Numbers are equal if their texts are.
+    let modes =
+        theirs.time_mode.zip(ours.time_mode).unwrap_or((TimeMode::LockStep, TimeMode::LockStep));
+    let text = |number: &dyn Display| number.to_string();
+    [
+        (Parameter::WireVersion, text(&theirs.wire_version), text(&ours.wire_version)),
+        (Parameter::Rate, text(&theirs.rate_hz), text(&ours.rate_hz)),
+        (Parameter::Gravity, text(&theirs.gravity_m_s2), text(&ours.gravity_m_s2)),
+        (Parameter::TimeMode, text(&modes.0), text(&modes.1)),
+    ]
+    .into_iter()
+    .find(|(_, theirs, ours)| theirs != ours)
+    .map(|(parameter, theirs, ours)| ConnectError::Disagreement {
+        peer,
+        parameter,
+        theirs,
+        ours,
+    })
 }
 
 /// Returns the error of a failed action of the transport.

@@ -9,12 +9,14 @@
 //! blocking wait of the system costs thirty to forty. If the peer is slow, the
 //! receiver yields the core and, after a millisecond, sleeps.
 //!
-//! The peer may go and another may connect while the link stays open; the
-//! [`PeerMonitor`] handles that. Sending, and receiving without a wait, only access
-//! the queues. iceoryx2 maps a new port, or releases a closed one, once, in the
-//! call that first meets it.
+//! The two ends find each other, agree on the session's parameters and notice each
+//! other's end by a unix socket ([`hello`]); the [`PeerMonitor`] handles that. Each session
+//! has shared memory of its own, so nothing that a killed process leaves behind is met again.
+//! The peer may go and another may connect while the link stays open. Sending, and receiving
+//! without a wait, only access the queues.
 
 mod error;
+mod hello;
 mod link;
 mod observer;
 mod payload;
@@ -23,7 +25,7 @@ mod service;
 #[cfg(test)]
 mod tests;
 
-pub use error::{ConnectError, MissingPeer};
+pub use error::{ConnectError, MissingPeer, Parameter};
 pub use link::{ShmController, ShmLeg, ShmLink};
 pub use observer::{Observer, Participants};
 pub use payload::{Message, Payload};

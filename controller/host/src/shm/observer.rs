@@ -2,17 +2,14 @@
 
 use std::sync::Arc;
 
-use iceoryx2::node::NodeBuilder;
 use iceoryx2::port::subscriber::Subscriber;
-use iceoryx2::prelude::{
-    LogLevel, Node, NodeName, PortName, SignalHandlingMode, ipc, set_log_level_from_env_or,
-};
+use iceoryx2::prelude::{Node, PortName};
 use leg_control::wire::{Command, Sample};
 
 use super::error::{ConnectError, failed};
 use super::payload::{Message, Payload};
-use super::service::{Service, config};
-use crate::discovery::{Domain, Presence, presence_in};
+use super::service::{Ipc, Service, node, text};
+use crate::discovery::{Domain, DomainError, Session, holder};
 use crate::link::Role;
 
 /// Name of the observer's node and ports.
@@ -31,18 +28,11 @@ impl Participants {
     /// Reads which roles of the domain `domain` are held, without joining it.
     ///
     /// # Errors
-    /// Returns [`ConnectError`] when the name is invalid or the folder cannot be read.
-    pub fn of(domain: &str) -> Result<Self, ConnectError> {
+    /// Returns [`DomainError`] when the name is invalid.
+    pub fn of(domain: &str) -> Result<Self, DomainError> {
         let folder = Domain::folder(domain)?;
-        let is_held = |role| match presence_in(&folder, role) {
-            Ok(presence) => Ok(matches!(presence, Presence::Alive(_))),
-            Err(cause) => Err(ConnectError::Transport {
-                action: "check for leg and controller",
-                domain: domain.to_owned(),
-                cause: cause.to_string(),
-            }),
-        };
-        Ok(Self { leg: is_held(Role::Leg)?, controller: is_held(Role::Controller)? })
+        let is_held = |role| holder(&folder, role).is_ok_and(|holder| holder.is_some());
+        Ok(Self { leg: is_held(Role::Leg), controller: is_held(Role::Controller) })
     }
 
     /// Returns whether any role is held.
@@ -56,37 +46,35 @@ impl Participants {
 ///
 /// An observer holds no role and only opens services that exist. It joins the
 /// domain, which the last process to leave removes: so check often whether any role
-/// is still held ([`Participants::of`]), and drop the observer when none is.
+/// is still held ([`Participants::of`]) and the session goes on ([`Observer::is_over`]), and
+/// drop the observer when not.
 // The readers, which hold the ports, must be dropped before the node and the domain.
 #[derive(Debug)]
 pub struct Observer {
     samples: Reader<Sample>,
     commands: Reader<Command>,
-    _node: Node<ipc::Service>,
+    _node: Node<Ipc>,
+    session: Session,
     _domain: Arc<Domain>,
 }
 
 /// A subscriber to one service.
 #[derive(Debug)]
 struct Reader<T: Message> {
-    subscriber: Subscriber<ipc::Service, Payload<T>, ()>,
+    subscriber: Subscriber<Ipc, Payload<T>, ()>,
     _service: Service<T>,
 }
 
 impl<T: Message> Reader<T> {
-    fn open(node: &Node<ipc::Service>, domain: &Domain) -> Result<Self, ConnectError> {
-        let name = T::SERVICE.try_into().map_err(|e| failed(domain, "name a service", &e))?;
+    fn open(node: &Node<Ipc>) -> Result<Self, String> {
         let service = node
-            .service_builder(&name)
+            .service_builder(&T::SERVICE.try_into().map_err(text)?)
             .publish_subscribe::<Payload<T>>()
             .open()
-            .map_err(|cause| failed(domain, "open the service of the messages", &cause))?;
-        let port = PortName::new(NAME).map_err(|e| failed(domain, "name the ports", &e))?;
-        let subscriber =
-            service.subscriber_builder().name(&port).buffer_size(1).create().map_err(|cause| {
-                failed(domain, "subscribe (are there too many readers?)", &cause)
-            })?;
-        Ok(Self { subscriber, _service: service })
+            .map_err(text)?;
+        let port = PortName::new(NAME).map_err(text)?;
+        let subscriber = service.subscriber_builder().name(&port).buffer_size(1).create();
+        Ok(Self { subscriber: subscriber.map_err(text)?, _service: service })
     }
 
     /// Returns the newest message, if there is an unread one. A publisher that dies
@@ -97,30 +85,29 @@ impl<T: Message> Reader<T> {
 }
 
 impl Observer {
-    /// Subscribes to both services of the domain `domain`.
+    /// Subscribes to both services of the session in the domain `domain`.
     ///
     /// # Errors
-    /// Returns [`ConnectError`], for example when leg and controller have not created
-    /// their services yet; then retry.
+    /// Returns [`ConnectError`], for example when leg and controller have not connected
+    /// yet, or when there are too many observers; then retry.
     pub fn join(domain: &str) -> Result<Self, ConnectError> {
         let domain = Domain::join(domain)?;
-        let _creation = domain.lock_creation()?;
-        set_log_level_from_env_or(LogLevel::Fatal);
-        let name = NodeName::new(NAME).map_err(|e| failed(&domain, "name the node", &e))?;
-        let config =
-            config(&domain).map_err(|cause| failed(&domain, "name the services", &cause))?;
-        let node = NodeBuilder::new()
-            .config(&config)
-            .name(&name)
-            .signal_handling_mode(SignalHandlingMode::Disabled)
-            .create::<ipc::Service>()
-            .map_err(|cause| failed(&domain, "start iceoryx2", &cause))?;
-        Ok(Self {
-            samples: Reader::open(&node, &domain)?,
-            commands: Reader::open(&node, &domain)?,
-            _node: node,
-            _domain: domain,
-        })
+        let failed = |cause: &str| failed(&domain, "observe leg and controller", &cause);
+        let session = Session::current(&domain)
+            .ok_or_else(|| failed("they have not connected to each other yet"))?;
+        let join = || {
+            let node = node(&session, NAME)?;
+            Ok::<_, String>((Reader::open(&node)?, Reader::open(&node)?, node))
+        };
+        let (samples, commands, node) = join().map_err(|cause| failed(&cause))?;
+        Ok(Self { samples, commands, _node: node, session, _domain: domain })
+    }
+
+    /// Returns whether the session is over: leg and controller have begun another, or the
+    /// folder of the domain was removed.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        !self.session.folder.exists()
     }
 
     /// Returns the newest sample, if there is an unread one.

@@ -1,45 +1,23 @@
-//! Detects the peer's arrival and loss, and cleans up after a peer that died.
+//! Detects the peer's arrival and loss, and creates the shared memory of each session.
 //!
-//! All of it reads files and takes locks, so it runs beside the control path: in
-//! the idle moments of a waiting link, or on a supervisor's thread. The link itself
-//! reads one atomic number that identifies the publisher whose messages it accepts.
+//! All of it makes system calls, so it runs beside the control path: in the idle moments of
+//! a waiting link, or on a supervisor's thread. The link itself reads one flag, which is set
+//! when the ports of another session are ready.
 
-use std::fmt;
-use std::io;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::error::Error;
+use std::fmt::Display;
+use std::io::ErrorKind;
+use std::os::unix::net::UnixListener;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
-
-use iceoryx2::identifiers::UniquePublisherId;
-use iceoryx2::prelude::{CallbackProgression, Node, PortFactory as _, PortName, ipc};
 
 use super::error::{ConnectError, disagreement, failed};
+use super::hello::{Channel, Hello, Line, SOCKET};
 use super::payload::Message;
-use super::service::Service;
-use crate::discovery::{Domain, Presence, RoleFile, RoleLock, RoleRecord, Tenure, presence_in};
+use super::service::Ports;
+use crate::discovery::{Domain, RoleLock, Session, holder};
 use crate::link::{LinkError, Peer, PeerStatus, Role, SessionParams};
-
-/// Longest time that a rejected process keeps its role for its peer to read its record.
-const REJECTION_TIMEOUT: Duration = Duration::from_secs(2);
-
-/// Waits until the `rejected` holder of `role` has rejected this process too or is gone,
-/// so that both report the reason. A process that leaves before would only be missing.
-pub(super) fn await_rejection(domain: &Domain, role: Role, own: Tenure, rejected: Tenure) {
-    let deadline = Instant::now() + REJECTION_TIMEOUT;
-    while let Ok(Presence::Alive(Some(record))) = presence_in(domain.root(), role)
-        && record.tenure == rejected
-        && record.rejected != Some(own)
-        && Instant::now() < deadline
-    {
-        std::thread::sleep(Duration::from_millis(1));
-    }
-}
-
-/// Returns the name of the ports of a process: by it they are found, whatever the process
-/// id, which is not the same in another container.
-pub(super) fn port_name(role: Role, tenure: Tenure) -> Result<PortName, String> {
-    PortName::new(&format!("{role}-{tenure}", role = role.as_str())).map_err(|e| e.to_string())
-}
+use crate::socket::{SocketFile, connect};
 
 /// A change of the peer that an update has detected.
 #[derive(Debug)]
@@ -47,101 +25,87 @@ pub enum PeerEvent {
     /// A peer is connected: it agrees on the session parameters and receives this
     /// end's messages.
     Connected(Peer),
-    /// The peer is gone; its shared memory has been cleaned up.
+    /// The peer is gone.
     Lost(LinkError),
-    /// A process holds the peer's role but disagrees on the session parameters.
-    /// Reported once for each process.
+    /// A process has connected but disagrees on the session parameters. Reported once for
+    /// each process.
     Rejected(ConnectError),
 }
 
-impl fmt::Display for PeerEvent {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Connected(peer) => {
-                write!(f, "the {} (process {}) is connected", peer.role, peer.pid)
-            }
-            Self::Lost(cause) => cause.fmt(f),
-            Self::Rejected(cause) => cause.fmt(f),
-        }
-    }
-}
-
-/// Progress of the connection to the peer.
+/// What is known about the peer.
 #[derive(Debug)]
-enum PeerState {
-    /// No process holds the peer's role, or it has not created its ports yet.
+enum PeerState<Out: Message, In: Message> {
     Absent,
-    /// This end has found the peer's ports and published so; the peer has not found
-    /// this end's ports yet.
-    Connecting(Candidate),
-    /// Each end receives the other's messages.
-    Connected(Candidate),
-}
-
-/// A process that holds the peer's role and has ports.
-#[derive(Debug)]
-struct Candidate {
-    peer: Peer,
-    tenure: Tenure,
-    file: RoleFile,
+    /// A process has connected; its hello is awaited.
+    Greeted(Channel),
+    /// Both ends agree; that the peer is ready is awaited.
+    Preparing(Channel, Peer, Ports<Out, In>),
+    Connected(Channel, Peer),
+    /// The peer disagrees. It is kept until it leaves, so that it is reported once.
+    Rejected(Channel),
 }
 
 /// The part of the monitor's state that the control path never accesses.
 #[derive(Debug)]
-struct MonitorState {
-    peer: PeerState,
+struct MonitorState<Out: Message, In: Message> {
+    peer: PeerState<Out, In>,
     /// How the last peer was lost, until another is connected.
     lost: Option<LinkError>,
-    /// The last rejected process, which has been reported.
-    rejected: Option<Tenure>,
-    node: Node<ipc::Service>,
-    role: RoleLock,
 }
 
-/// The services, the node and the role of this end, shared by a link and its
-/// monitors.
-// Dropped in this order, after the ports: the services before the node, the role after both,
-// the domain last.
+/// Monitors the peer of a link: for a link whose loop must not block, call
+/// [`PeerMonitor::update`] every 10 to 20 ms from another thread.
+// Dropped in this order: the peer receives that this end leaves, then the role is free, the
+// domain last.
 #[derive(Debug)]
-pub(super) struct MonitorCore<Out: Message, In: Message> {
-    outgoing: Service<Out>,
-    incoming: Service<In>,
-    state: Mutex<MonitorState>,
-    /// [`key`] of the publisher whose messages are accepted; 0 if none.
-    accepted: AtomicU64,
+pub struct PeerMonitor<Out: Message, In: Message> {
+    state: Mutex<MonitorState<Out, In>>,
+    /// The ports of a session that the link has not taken yet, or of the one before.
+    ports: Mutex<Option<Ports<Out, In>>>,
+    /// Whether `ports` are those of a new session.
+    has_new_ports: AtomicBool,
     connections: AtomicU64,
     losses: AtomicU64,
     params: SessionParams,
+    /// Where the controller listens; `None` at the leg's end, which connects.
+    listener: Option<(SocketFile, UnixListener)>,
+    _role: RoleLock,
     domain: Arc<Domain>,
 }
 
-/// Folds a publisher's id (time of creation, process and counter) into a number
-/// other than 0.
-fn key(id: UniquePublisherId) -> u64 {
-    let id = id.value();
-    ((id >> 64) as u64 ^ id as u64).max(1)
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl<Out: Message, In: Message> MonitorCore<Out, In> {
-    pub(super) fn new(
-        services: (Service<Out>, Service<In>),
-        node: Node<ipc::Service>,
-        role: RoleLock,
-        params: SessionParams,
-        domain: &Arc<Domain>,
-    ) -> Self {
-        let (outgoing, incoming) = services;
-        let (peer, lost, rejected) = (PeerState::Absent, None, None);
-        Self {
-            outgoing,
-            incoming,
-            state: Mutex::new(MonitorState { peer, lost, rejected, node, role }),
-            accepted: AtomicU64::new(0),
+impl<Out: Message, In: Message> PeerMonitor<Out, In> {
+    /// Acquires this end's role and, as a controller, listens for legs.
+    pub(super) fn open(domain: &Arc<Domain>, params: SessionParams) -> Result<Self, ConnectError> {
+        let own = Out::SENDER;
+        let io = |cause| failed(domain, "acquire the role", &cause);
+        let Some(role) = RoleLock::acquire(domain, own).map_err(io)? else {
+            let pid = holder(domain.root(), own).map_err(io)?.and_then(|holder| holder.pid);
+            return Err(ConnectError::RoleTaken { role: own, pid, domain: domain.name().into() });
+        };
+        let listen = || {
+            let (file, listener) = SocketFile::bind(&domain.root().join(SOCKET))?;
+            listener.set_nonblocking(true)?;
+            Ok::<_, Box<dyn Error>>((file, listener))
+        };
+        let listener = (own == Role::Controller)
+            .then(listen)
+            .transpose()
+            .map_err(|cause| failed(domain, "listen for a leg", &cause))?;
+        Ok(Self {
+            state: Mutex::new(MonitorState { peer: PeerState::Absent, lost: None }),
+            ports: Mutex::new(None),
+            has_new_ports: AtomicBool::new(false),
             connections: AtomicU64::new(0),
             losses: AtomicU64::new(0),
             params,
+            listener,
+            _role: role,
             domain: Arc::clone(domain),
-        }
+        })
     }
 
     pub(super) fn params(&self) -> SessionParams {
@@ -152,191 +116,13 @@ impl<Out: Message, In: Message> MonitorCore<Out, In> {
         &self.domain
     }
 
-    /// Returns whether messages of `publisher` are accepted. Wait-free.
-    pub(super) fn accepts(&self, publisher: UniquePublisherId) -> bool {
-        // Relaxed: no other memory is published along with the number.
-        self.accepted.load(Ordering::Relaxed) == key(publisher)
-    }
-
-    fn state(&self) -> MutexGuard<'_, MonitorState> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Returns the connected peer.
-    pub(super) fn peer(&self) -> Option<Peer> {
-        match &self.state().peer {
-            PeerState::Connected(Candidate { peer, .. }) => Some(*peer),
-            PeerState::Absent | PeerState::Connecting(_) => None,
-        }
-    }
-
-    /// Waits until the peer that was rejected last has rejected this process too.
-    pub(super) fn await_rejection(&self) {
-        let (own, rejected) = {
-            let state = self.state();
-            (state.role.tenure(), state.rejected)
-        };
-        if let Some(rejected) = rejected {
-            await_rejection(&self.domain, In::SENDER, own, rejected);
-        }
-    }
-
-    fn record_error(&self, cause: &dyn fmt::Display) -> ConnectError {
-        failed(&self.domain, "write the role's record", cause)
-    }
-
-    /// Returns how the last peer was lost, until another is connected.
-    pub(super) fn lost(&self) -> Option<LinkError> {
-        self.state().lost.clone()
-    }
-
-    /// Reads the peer's record and advances the connection. Before this end publishes
-    /// that it receives the peer's messages, `map_port` must make that true.
-    pub(super) fn update(
-        &self,
-        map_port: impl FnOnce() -> bool,
-    ) -> Result<Option<PeerEvent>, ConnectError> {
-        let state = &mut *self.state();
-        if let PeerState::Connected(connected) = &state.peer {
-            let lost = Self::check_connected(connected)
-                .map_err(|cause| failed(&self.domain, "check the peer", &cause))?;
-            let Some(lost) = lost else { return Ok(None) };
-            self.losses.fetch_add(1, Ordering::Relaxed);
-            if !matches!(lost, LinkError::PeerLeft { .. }) {
-                state.node.try_cleanup_dead_nodes();
-            }
-            // The peer's last message still counts, so its publisher stays accepted until the
-            // next peer's is.
-            state.peer = PeerState::Absent;
-            state.lost = Some(lost.clone());
-            return Ok(Some(PeerEvent::Lost(lost)));
-        }
-        // Nobody can connect any more without the folder; a connected peer needs it no longer.
-        self.domain.check()?;
-        self.connect(state, map_port)
-    }
-
-    /// Returns how the connected peer was lost, if it was.
-    fn check_connected(connected: &Candidate) -> io::Result<Option<LinkError>> {
-        let &Candidate { peer: Peer { role, pid, .. }, tenure, .. } = connected;
-        Ok(match connected.file.presence()? {
-            Presence::Alive(Some(record)) if record.tenure == tenure => None,
-            Presence::Absent => Some(LinkError::PeerLeft { role, pid }),
-            // A successor has not written its record yet.
-            Presence::Alive(None) => None,
-            Presence::Alive(Some(record)) => {
-                Some(LinkError::PeerReplaced { role, pid, by: record.pid })
-            }
-            Presence::Dead => Some(LinkError::PeerDied { role, pid }),
-        })
-    }
-
-    /// Advances the connection to a peer that is present and not connected yet.
-    fn connect(
-        &self,
-        state: &mut MonitorState,
-        map_port: impl FnOnce() -> bool,
-    ) -> Result<Option<PeerEvent>, ConnectError> {
-        let last = std::mem::replace(&mut state.peer, PeerState::Absent);
-        let failed = |cause: io::Error| failed(&self.domain, "check for the peer", &cause);
-        let file = RoleFile::open(self.domain.root(), In::SENDER).map_err(failed)?;
-        let Some(file) = file else { return Ok(None) };
-        let Presence::Alive(Some(record)) = file.presence().map_err(failed)? else {
-            return Ok(None);
-        };
-        if let Some(error) = disagreement(In::SENDER, record.params, self.params) {
-            if state.rejected.replace(record.tenure) == Some(record.tenure) {
-                return Ok(None);
-            }
-            state
-                .role
-                .publish_rejection(record.tenure)
-                .map_err(|cause| self.record_error(&cause))?;
-            return Ok(Some(PeerEvent::Rejected(error)));
-        }
-        let candidate = match last {
-            PeerState::Connecting(candidate) if candidate.tenure == record.tenure => candidate,
-            _ if self.accept(state, &record, map_port)? => {
-                let peer = Peer { role: In::SENDER, pid: record.pid, leg: record.params.leg };
-                Candidate { peer, tenure: record.tenure, file }
-            }
-            _ => return Ok(None),
-        };
-        // Both directions must be ready, so that neither end starts without the other.
-        if record.connected_to != Some(state.role.tenure()) {
-            state.peer = PeerState::Connecting(candidate);
-            return Ok(None);
-        }
-        self.domain.reserve()?;
-        let peer = candidate.peer;
-        state.peer = PeerState::Connected(candidate);
-        (state.lost, state.rejected) = (None, None);
-        self.connections.fetch_add(1, Ordering::Relaxed);
-        Ok(Some(PeerEvent::Connected(peer)))
-    }
-
-    /// Accepts the messages of the process with this record, once it has created its
-    /// ports, and publishes so.
-    fn accept(
-        &self,
-        state: &MonitorState,
-        record: &RoleRecord,
-        map_port: impl FnOnce() -> bool,
-    ) -> Result<bool, ConnectError> {
-        let name = port_name(In::SENDER, record.tenure)
-            .map_err(|cause| failed(&self.domain, "name the ports", &cause))?;
-        let Some(publisher) = self.publisher_of(&name).filter(|_| map_port()) else {
-            return Ok(false);
-        };
-        self.accepted.store(key(publisher), Ordering::Relaxed);
-        state.role.publish_connection(record.tenure).map_err(|cause| self.record_error(&cause))?;
-        Ok(true)
-    }
-
-    /// Returns the publisher of the process whose ports have this name, once both exist.
-    fn publisher_of(&self, name: &PortName) -> Option<UniquePublisherId> {
-        let mut subscribes = false;
-        self.outgoing.dynamic_config().list_subscribers(|port| {
-            subscribes |= port.subscriber_name == *name;
-            CallbackProgression::Continue
-        });
-        let mut publisher = None;
-        self.incoming.dynamic_config().list_publishers(|port| {
-            if port.publisher_name == *name {
-                publisher = Some(port.publisher_id);
-            }
-            CallbackProgression::Continue
-        });
-        publisher.filter(|_| subscribes)
-    }
-}
-
-/// Monitors the peer of a link whose loop must not block: call
-/// [`PeerMonitor::update`] every 10 to 20 ms from another thread.
-#[derive(Debug)]
-pub struct PeerMonitor<Out: Message, In: Message>(pub(super) Arc<MonitorCore<Out, In>>);
-
-impl<Out: Message, In: Message> Clone for PeerMonitor<Out, In> {
-    fn clone(&self) -> Self {
-        Self(Arc::clone(&self.0))
-    }
-}
-
-impl<Out: Message, In: Message> PeerMonitor<Out, In> {
-    /// Checks the peer, cleans up after one that died, connects to a new one, and
-    /// returns the change. A peer that is stopped (SIGSTOP) stays connected.
-    ///
-    /// # Errors
-    /// Returns [`ConnectError`] when the system fails; a later call may succeed.
-    pub fn update(&self) -> Result<Option<PeerEvent>, ConnectError> {
-        // The loop maps the peer's port by itself, in its next receive.
-        self.0.update(|| true)
-    }
-
     /// Returns the connected peer.
     #[must_use]
     pub fn peer(&self) -> Option<Peer> {
-        self.0.peer()
+        match &lock(&self.state).peer {
+            PeerState::Connected(_, peer) => Some(*peer),
+            _ => None,
+        }
     }
 
     /// Returns the connected peer's process and how often peers connected and were
@@ -345,8 +131,164 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
     pub fn status(&self) -> PeerStatus {
         PeerStatus {
             pid: self.peer().map(|peer| peer.pid),
-            connections: self.0.connections.load(Ordering::Relaxed),
-            losses: self.0.losses.load(Ordering::Relaxed),
+            connections: self.connections.load(Ordering::Relaxed),
+            losses: self.losses.load(Ordering::Relaxed),
         }
     }
+
+    /// Returns how the last peer was lost, until another is connected.
+    pub(super) fn lost(&self) -> Option<LinkError> {
+        lock(&self.state).lost.clone()
+    }
+
+    /// Exchanges `ports` for those of a new session, if there is one. Never waits, and
+    /// neither allocates nor frees.
+    pub(super) fn take_ports(&self, ports: &mut Option<Ports<Out, In>>) {
+        if self.has_new_ports.load(Ordering::Relaxed)
+            && let Ok(mut new) = self.ports.try_lock()
+        {
+            std::mem::swap(ports, &mut *new);
+            self.has_new_ports.store(false, Ordering::Relaxed);
+        }
+    }
+
+    /// Checks the peer, connects to a new one after a loss, and returns the change. A peer
+    /// that is stopped (SIGSTOP) stays connected.
+    ///
+    /// # Errors
+    /// Returns [`ConnectError`] when the system fails; a later call may succeed.
+    pub fn update(&self) -> Result<Option<PeerEvent>, ConnectError> {
+        let mut state = lock(&self.state);
+        let (next, event) = match std::mem::replace(&mut state.peer, PeerState::Absent) {
+            PeerState::Absent => (self.call()?, None),
+            PeerState::Greeted(channel) => self.greet(channel)?,
+            PeerState::Preparing(channel, peer, ports) => self.prepare(channel, peer, ports)?,
+            PeerState::Connected(channel, peer) => self.watch(channel, peer),
+            PeerState::Rejected(mut channel) => match channel.next() {
+                Ok(None) => (PeerState::Rejected(channel), None),
+                _ => (PeerState::Absent, None),
+            },
+        };
+        state.peer = next;
+        match &event {
+            Some(PeerEvent::Connected(_)) => state.lost = None,
+            Some(PeerEvent::Lost(cause)) => state.lost = Some(cause.clone()),
+            Some(PeerEvent::Rejected(_)) | None => (),
+        }
+        Ok(event)
+    }
+
+    /// Connects to a controller, or accepts a leg, if there is one.
+    fn call(&self) -> Result<PeerState<Out, In>, ConnectError> {
+        // Nobody can connect any more without the folder; a connected peer needs it no longer.
+        self.domain.check()?;
+        let socket = match &self.listener {
+            Some((_, listener)) => listener.accept().map(|(socket, _)| socket),
+            None => connect(&self.domain.root().join(SOCKET)),
+        };
+        // Whatever failed, the next update tries again.
+        let Ok(channel) = socket.and_then(Channel::new) else { return Ok(PeerState::Absent) };
+        if self.listener.is_none() {
+            channel.send(&self.hello(None));
+        }
+        Ok(PeerState::Greeted(channel))
+    }
+
+    fn hello(&self, session: Option<Session>) -> Line {
+        Line::Hello(Hello { pid: std::process::id(), params: self.params, session })
+    }
+
+    /// Compares the session parameters of a process that has connected.
+    fn greet(&self, mut channel: Channel) -> Result<Step<Out, In>, ConnectError> {
+        let reject =
+            |channel, error| (PeerState::Rejected(channel), Some(PeerEvent::Rejected(error)));
+        let not_understood = |cause: &dyn Display| ConnectError::NotUnderstood {
+            peer: In::SENDER,
+            cause: cause.to_string(),
+        };
+        let hello = match channel.next() {
+            Ok(Some(Line::Hello(hello))) => hello,
+            Ok(None) => return Ok((PeerState::Greeted(channel), None)),
+            Err(cause) if cause.kind() == ErrorKind::InvalidData => {
+                return Ok(reject(channel, not_understood(&cause)));
+            }
+            Ok(Some(_)) | Err(_) => return Ok((PeerState::Absent, None)),
+        };
+        if let Some(error) = disagreement(In::SENDER, hello.params, self.params) {
+            if self.listener.is_some() {
+                channel.send(&self.hello(None));
+            }
+            return Ok(reject(channel, error));
+        }
+        let create = |session: &Session| {
+            Ports::create(session).map_err(|cause| self.failed("create the shared memory", &cause))
+        };
+        let ports = match (&self.listener, hello.session) {
+            (Some(_), _) => {
+                let session = Session::begin(&self.domain)?;
+                let ports = create(&session)?;
+                channel.send(&self.hello(Some(session)));
+                ports
+            }
+            (None, Some(session)) => {
+                let ports = create(&session)?;
+                self.map_peer(&ports)?;
+                channel.send(&Line::Ready);
+                ports
+            }
+            (None, None) => return Ok(reject(channel, not_understood(&"it names no session"))),
+        };
+        let peer = Peer { role: In::SENDER, pid: hello.pid, leg: hello.params.leg };
+        Ok((PeerState::Preparing(channel, peer, ports), None))
+    }
+
+    /// Passes the ports to the link, once those of the peer exist.
+    fn prepare(
+        &self,
+        mut channel: Channel,
+        peer: Peer,
+        ports: Ports<Out, In>,
+    ) -> Result<Step<Out, In>, ConnectError> {
+        match channel.next() {
+            Ok(Some(Line::Ready)) => (),
+            Ok(None) => return Ok((PeerState::Preparing(channel, peer, ports), None)),
+            Ok(Some(_)) | Err(_) => return Ok((PeerState::Absent, None)),
+        }
+        if self.listener.is_some() {
+            self.map_peer(&ports)?;
+            channel.send(&Line::Ready);
+        }
+        {
+            let mut handover = lock(&self.ports);
+            *handover = Some(ports);
+            self.has_new_ports.store(true, Ordering::Relaxed);
+        }
+        self.connections.fetch_add(1, Ordering::Relaxed);
+        Ok((PeerState::Connected(channel, peer), Some(PeerEvent::Connected(peer))))
+    }
+
+    fn map_peer(&self, ports: &Ports<Out, In>) -> Result<(), ConnectError> {
+        ports.map_peer().map_err(|cause| self.failed("connect the ports", &cause))?;
+        Ok(self.domain.reserve()?)
+    }
+
+    /// Notices the loss of the connected peer. Its last message still counts, so the link
+    /// keeps its ports until there are others.
+    fn watch(&self, mut channel: Channel, peer: Peer) -> Step<Out, In> {
+        let Peer { role, pid, .. } = peer;
+        let lost = match channel.next() {
+            Ok(None) => return (PeerState::Connected(channel, peer), None),
+            Ok(Some(Line::Left)) => LinkError::PeerLeft { role, pid },
+            Ok(Some(_)) | Err(_) => LinkError::PeerDied { role, pid },
+        };
+        self.losses.fetch_add(1, Ordering::Relaxed);
+        (PeerState::Absent, Some(PeerEvent::Lost(lost)))
+    }
+
+    fn failed(&self, action: &'static str, cause: &str) -> ConnectError {
+        failed(&self.domain, action, &cause)
+    }
 }
+
+/// The next state of the peer, and the change that it means.
+type Step<Out, In> = (PeerState<Out, In>, Option<PeerEvent>);

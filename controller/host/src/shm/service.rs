@@ -1,110 +1,117 @@
-//! The iceoryx2 services of a domain and their attributes.
+//! The iceoryx2 services of a session, and a port of each.
 
-use std::time::{Duration, Instant};
+use std::fmt::Display;
+use std::time::Duration;
 
-use iceoryx2::prelude::{AttributeVerifier, Config, FileName, Node, Path, SemanticString, ipc};
-use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
+use iceoryx2::node::NodeBuilder;
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::port::update_connections::UpdateConnections;
+use iceoryx2::prelude::{
+    Config, FileName, LogLevel, Node, NodeName, Path, PortName, SemanticString, SignalHandlingMode,
+    ipc, set_log_level_from_env_or,
+};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
-use super::error::{ConnectError, failed};
 use super::payload::{Message, Payload};
-use crate::discovery::Domain;
-use crate::link::SessionParams;
+use crate::discovery::Session;
+
+/// The variant of iceoryx2. (`ipc_threadsafe` locks a mutex at each access: a tick takes a
+/// sixth longer.)
+pub(super) type Ipc = ipc::Service;
 
 /// Subscribers of each service: the peer, and seven observers such as live views.
 const MAX_READERS: usize = 8;
-/// Processes at a service: both roles, the other readers, and dead ones that are being
-/// cleaned up.
+/// Processes at a service: both roles, and the observers.
 const MAX_NODES: usize = 16;
-/// How long to retry creating a service or a port while a dead process is cleaned up.
-const RETRY_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// How long iceoryx2 waits for an object that another process is creating. A real-time
-/// loop may run into this wait if its peer is killed while connecting, so it is no longer
-/// than creation takes.
+/// How long iceoryx2 waits for an object that another process is creating: longer than
+/// creation takes. The loops wait as long when an observer is killed while it connects.
 const CREATION_TIMEOUT: Duration = Duration::from_millis(5);
 
-const WIRE_VERSION_KEY: &str = "wire-version";
-const RATE_KEY: &str = "rate-hz";
-const GRAVITY_KEY: &str = "gravity-m-s2";
-
 /// The service that transports messages of type `T`.
-pub(super) type Service<T> = PortFactory<ipc::Service, Payload<T>, ()>;
+pub(super) type Service<T> = PortFactory<Ipc, Payload<T>, ()>;
 
-/// Returns the iceoryx2 configuration for a domain: all files in the domain's
-/// folder, all shared memory under the domain's prefix.
+/// Returns the iceoryx2 configuration of a session: all files in its folder, all shared
+/// memory under its prefix.
 ///
 /// # Errors
-/// Returns a message when iceoryx2 does not accept the folder's name.
-pub fn config(domain: &Domain) -> Result<Config, String> {
+/// Returns a message when iceoryx2 does not accept the names.
+pub fn config(session: &Session) -> Result<Config, String> {
     let mut config = Config::default();
-    config.global.prefix = FileName::new(domain.prefix().as_bytes()).map_err(|e| e.to_string())?;
-    let root = Path::new(domain.root().as_os_str().as_encoded_bytes())
-        .map_err(|cause| format!("{}: {cause}", domain.root().display()))?;
-    config.global.set_root_path(&root);
+    config.global.prefix = FileName::new(session.prefix.as_bytes()).map_err(text)?;
+    let folder = Path::new(session.folder.as_os_str().as_encoded_bytes()).map_err(text)?;
+    config.global.set_root_path(&folder);
     config.global.creation_timeout = CREATION_TIMEOUT;
     Ok(config)
 }
 
-/// Opens or creates the service that transports messages of type `T`.
-pub(super) fn service<T: Message>(
-    node: &Node<ipc::Service>,
-    domain: &Domain,
-    params: SessionParams,
-) -> Result<Service<T>, ConnectError> {
-    let name = T::SERVICE.try_into().map_err(|e| failed(domain, "name a service", &e))?;
-    let attributes =
-        attributes(params).map_err(|cause| failed(domain, "describe a service", &cause))?;
-    retry(|| {
-        node.service_builder(&name)
-            .publish_subscribe::<Payload<T>>()
-            .max_publishers(1)
-            .max_subscribers(MAX_READERS)
-            .max_nodes(MAX_NODES)
-            .subscriber_max_buffer_size(1)
-            .subscriber_max_borrowed_samples(1)
-            .history_size(0)
-            .enable_safe_overflow(true)
-            .open_or_create_with_attributes(&attributes)
-    })
-    .map_err(|cause| {
-        // The records agreed, so the service was created by another program: an observer of
-        // another version, or another version of iceoryx2.
-        failed(
-            domain,
-            "open the service of the messages (created by a program of another version?)",
-            &cause,
-        )
-    })
+/// Returns a node of iceoryx2 in a session.
+pub(super) fn node(session: &Session, name: &str) -> Result<Node<Ipc>, String> {
+    // iceoryx2 would also log each error that it returns.
+    set_log_level_from_env_or(LogLevel::Fatal);
+    NodeBuilder::new()
+        .config(&config(session)?)
+        .name(&NodeName::new(name).map_err(text)?)
+        .signal_handling_mode(SignalHandlingMode::Disabled)
+        .create()
+        .map_err(text)
 }
 
-/// Returns the attributes of a service, for the `iox2` tool and for peers that publish
-/// no record.
-fn attributes(params: SessionParams) -> Result<AttributeVerifier, String> {
-    let mut attributes = AttributeVerifier::new();
-    for (key, number) in [
-        (WIRE_VERSION_KEY, params.wire_version.to_string()),
-        (RATE_KEY, params.rate_hz.to_string()),
-        (GRAVITY_KEY, params.gravity_m_s2.to_string()),
-    ] {
-        let key = AttributeKey::new(key.as_bytes()).map_err(|cause| cause.to_string())?;
-        let value = AttributeValue::new(number.as_bytes()).map_err(|cause| cause.to_string())?;
-        attributes = attributes.require(&key, &value).map_err(|cause| cause.to_string())?;
-    }
-    Ok(attributes)
+/// Opens the service that transports messages of type `T`, or creates it.
+fn service<T: Message>(node: &Node<Ipc>) -> Result<Service<T>, String> {
+    node.service_builder(&T::SERVICE.try_into().map_err(text)?)
+        .publish_subscribe::<Payload<T>>()
+        .max_publishers(1)
+        .max_subscribers(MAX_READERS)
+        .max_nodes(MAX_NODES)
+        .subscriber_max_buffer_size(1)
+        .subscriber_max_borrowed_samples(1)
+        .history_size(0)
+        .enable_safe_overflow(true)
+        .open_or_create()
+        .map_err(text)
 }
 
-/// Retries an operation that may fail while a dead or leaving process is cleaned up.
-pub(super) fn retry<T, E>(mut operation: impl FnMut() -> Result<T, E>) -> Result<T, E> {
-    let deadline = Instant::now() + RETRY_TIMEOUT;
-    let mut pause = Duration::from_millis(1);
-    loop {
-        match operation() {
-            Err(_) if Instant::now() < deadline => {
-                std::thread::sleep(pause);
-                pause = (pause * 2).min(Duration::from_millis(50));
-            }
-            result => return result,
-        }
+/// The ports of one end of a session.
+// In this order, since the ports must be dropped before the services, and those before the
+// node.
+#[derive(Debug)]
+pub(super) struct Ports<Out: Message, In: Message> {
+    pub(super) publisher: Publisher<Ipc, Payload<Out>, ()>,
+    pub(super) subscriber: Subscriber<Ipc, Payload<In>, ()>,
+    _services: (Service<Out>, Service<In>),
+    _node: Node<Ipc>,
+}
+
+// SAFETY: the ports of the variant `ipc` are not `Send`, since a port and what is made from
+// it share an `Rc`. All of these are fields of this struct, which are only borrowed, and
+// received messages are copied out within one call; so all clones of an `Rc` are always
+// together on one thread. Whoever passes them on synchronises the threads (by a mutex).
+#[allow(unsafe_code, reason = "another thread creates the ports than the one that uses them")]
+unsafe impl<Out: Message, In: Message> Send for Ports<Out, In> {}
+
+impl<Out: Message, In: Message> Ports<Out, In> {
+    /// Creates the ports of the sender of `Out`, and the services if there are none yet.
+    pub(super) fn create(session: &Session) -> Result<Self, String> {
+        let name = Out::SENDER.as_str();
+        let node = node(session, name)?;
+        let (outgoing, incoming) = (service::<Out>(&node)?, service::<In>(&node)?);
+        let port = PortName::new(name).map_err(text)?;
+        let subscriber =
+            incoming.subscriber_builder().name(&port).buffer_size(1).create().map_err(text)?;
+        let publisher = outgoing.publisher_builder().name(&port).create().map_err(text)?;
+        Ok(Self { publisher, subscriber, _services: (outgoing, incoming), _node: node })
     }
+
+    /// Maps the memory of the peer's ports, which must exist. Whatever a peer sends before
+    /// would be lost if it left before the first receive.
+    pub(super) fn map_peer(&self) -> Result<(), String> {
+        self.publisher.update_connections().map_err(text)?;
+        self.subscriber.has_samples().map(|_| ()).map_err(text)
+    }
+}
+
+pub(super) fn text(cause: impl Display) -> String {
+    cause.to_string()
 }

@@ -1,17 +1,19 @@
+use std::io::Write;
+use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use iceoryx2::node::NodeBuilder;
-use iceoryx2::prelude::{SignalHandlingMode, ipc};
 use leg_control::leg::LegModel;
-use leg_control::wire::Sample;
+use leg_control::wire::{Command, Sample};
 use leg_process::Stop;
 
 use super::error::disagreement;
-use super::service::{config, service};
+use super::hello::{Channel, Hello, Line, SOCKET};
+use super::service::Ports;
 use super::*;
-use crate::discovery::Domain;
+use crate::discovery::{Domain, Session};
 use crate::link::{Role, SessionParams, TimeMode};
+use crate::socket::SocketFile;
 
 const SHORT: Duration = Duration::from_millis(50);
 const LONG: Duration = Duration::from_secs(10);
@@ -37,16 +39,17 @@ fn both_sides_reject_another_wire_version() {
     let ours = SessionParams::at(1000);
     let next = SessionParams { wire_version: ours.wire_version + 1, ..ours };
     let (leg, controller) = connect_errors(ours, next);
-    assert!(
-        matches!(leg, ConnectError::WireVersion { peer: Role::Controller, theirs, ours }
-            if theirs == ours + 1),
-        "{leg}"
-    );
-    assert!(
-        matches!(controller, ConnectError::WireVersion { peer: Role::Leg, theirs, ours }
-            if theirs + 1 == ours),
-        "{controller}"
-    );
+    for (error, by, expected) in
+        [(leg, Role::Controller, ("2", "1")), (controller, Role::Leg, ("1", "2"))]
+    {
+        assert!(
+            matches!(&error, ConnectError::Disagreement { peer, parameter, theirs, ours }
+                if (*peer, *parameter) == (by, Parameter::WireVersion)
+                    && (&theirs[..], &ours[..]) == expected),
+            "{error}"
+        );
+        assert!(error.to_string().contains("the same release"), "{error}");
+    }
 }
 
 #[test]
@@ -91,7 +94,7 @@ fn another_leg_is_reported_and_not_rejected() {
         let dir = &dir;
         let controller = scope.spawn(move || {
             let link = ShmController::connect(&domain(dir), trained, LONG, &Stop::default());
-            let leg = link.as_ref().map(ShmLink::peer_leg).ok();
+            let leg = link.as_ref().ok().and_then(|link| link.peer()?.leg);
             // Keep the link open until the leg has connected.
             wait.recv().unwrap();
             leg
@@ -100,27 +103,96 @@ fn another_leg_is_reported_and_not_rejected() {
         connected.send(()).unwrap();
         // Keep this link open until the controller has connected.
         let link = link.unwrap();
-        assert_eq!(controller.join().unwrap(), Some(simulated.leg));
-        assert_eq!(link.peer_leg(), trained.leg);
+        assert_eq!(controller.join().unwrap(), simulated.leg);
+        assert_eq!(link.peer().unwrap().leg, trained.leg);
     });
 }
 
-/// A later version may publish no record; the attributes of the services then reveal it.
 #[test]
-fn rejects_a_service_of_another_version_without_a_record() {
+fn a_process_that_does_not_follow_the_protocol_is_named() {
     let dir = tempfile::tempdir().unwrap();
     let domain = domain(&dir);
-    let node = NodeBuilder::new()
-        .config(&config(&domain).unwrap())
-        .signal_handling_mode(SignalHandlingMode::Disabled)
-        .create::<ipc::Service>()
-        .unwrap();
-    let ours = SessionParams::at(1000);
-    let next = SessionParams { wire_version: ours.wire_version + 1, ..ours };
-    let _theirs = service::<Sample>(&node, &domain, next).unwrap();
-    let rejected = ShmLeg::connect(&domain, ours, SHORT, &Stop::default());
-    let message = rejected.expect_err("an error").to_string();
-    assert!(message.contains("another version") && message.contains("Attributes"), "{message}");
+    std::thread::scope(|scope| {
+        let controller = scope.spawn(|| {
+            ShmController::connect(&domain, SessionParams::at(1000), LONG, &Stop::default())
+        });
+        let mut stranger = loop {
+            if let Ok(socket) = UnixStream::connect(domain.root().join(SOCKET)) {
+                break socket;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        };
+        stranger.write_all(b"{\"greetings\":null}\n").unwrap();
+        let message = controller.join().unwrap().unwrap_err().to_string();
+        assert!(message.contains("not understood") && message.contains("greetings"), "{message}");
+    });
+}
+
+/// A leg that is killed in the middle of connecting costs its controller nothing, and the
+/// other way round: each side goes on with the next process.
+#[test]
+fn a_peer_that_ends_while_it_connects_is_forgotten() {
+    let dir = tempfile::tempdir().unwrap();
+    let domain = domain(&dir);
+    let params = SessionParams::at(1000);
+    let hello = |session| Line::Hello(Hello { pid: 7, params, session });
+    let mut controller = ShmController::open(&domain, params, &Stop::default()).unwrap();
+    let update = |controller: &ShmController| controller.monitor().update().unwrap();
+    for lines in [vec![], vec![hello(None)], vec![hello(None), Line::Ready]] {
+        let leg = Channel::new(UnixStream::connect(domain.root().join(SOCKET)).unwrap()).unwrap();
+        lines.iter().for_each(|line| leg.send(line));
+        (0..2).for_each(|_| assert!(update(&controller).is_none()));
+        drop(leg);
+        for _ in 0..3 {
+            let event = update(&controller);
+            assert!(matches!(event, None | Some(PeerEvent::Connected(_) | PeerEvent::Lost(_))));
+        }
+        assert!(controller.peer().is_none());
+    }
+    std::thread::scope(|scope| {
+        let leg = scope.spawn(|| ShmLeg::connect(&domain, params, LONG, &Stop::default()));
+        controller.wait_for_peer(Some(LONG), |_| true).unwrap();
+        drop(leg.join().unwrap().unwrap());
+    });
+    drop(controller);
+
+    let mut leg = ShmLeg::open(&domain, params, &Stop::default()).unwrap();
+    let (file, listener) = SocketFile::bind(&domain.root().join(SOCKET)).unwrap();
+    let session = Session::begin(&domain).unwrap();
+    for answer in [None, Some(session)] {
+        assert!(leg.monitor().update().unwrap().is_none());
+        let mut killed = Channel::new(listener.accept().unwrap().0).unwrap();
+        assert_eq!(killed.next().unwrap().map(|line| matches!(line, Line::Hello(_))), Some(true));
+        let ports = answer.as_ref().map(|s| Ports::<Command, Sample>::create(s).unwrap());
+        if answer.is_some() {
+            killed.send(&hello(answer));
+            assert!(leg.monitor().update().unwrap().is_none());
+            assert_eq!(killed.next().unwrap(), Some(Line::Ready));
+        }
+        drop(killed);
+        assert!(leg.monitor().update().unwrap().is_none());
+        drop(ports);
+    }
+    drop((file, listener));
+    std::thread::scope(|scope| {
+        let controller =
+            scope.spawn(|| ShmController::connect(&domain, params, LONG, &Stop::default()));
+        leg.wait_for_peer(Some(LONG), |_| true).unwrap();
+        drop(controller.join().unwrap().unwrap());
+    });
+}
+
+#[test]
+fn a_peer_that_does_not_answer_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let domain = domain(&dir);
+    let params = SessionParams::at(1000);
+    // It holds its role, but nobody calls its monitor, as if it were stopped.
+    let _stopped = ShmController::open(&domain, params, &Stop::default()).unwrap();
+    let message =
+        ShmLeg::connect(&domain, params, SHORT, &Stop::default()).unwrap_err().to_string();
+    let expected = format!("process {} holds the role and does not answer", std::process::id());
+    assert!(message.contains(&expected), "{message}");
 }
 
 #[test]
@@ -135,13 +207,15 @@ fn the_wait_for_a_peer_ends_at_its_timeout_or_when_given_up_or_stopped() {
     assert!(message.contains("no controller in domain `d`"), "{message}");
 
     let mut calls = 0;
-    let given_up = ShmLeg::connect_while(&domain, params, LONG, &Stop::default(), |missing| {
-        assert_eq!((missing.peer, missing.rate_hz), (Role::Controller, 500));
+    let mut leg = ShmLeg::open(&domain, params, &Stop::default()).unwrap();
+    let given_up = leg.wait_for_peer(Some(LONG), |missing| {
+        assert_eq!((missing.peer, missing.params), (Role::Controller, params));
         calls += 1;
         calls < 3
     });
     assert!(matches!(given_up, Err(ConnectError::PeerMissing(_))));
     assert_eq!(calls, 3);
+    drop(leg);
 
     let stop = Stop::default();
     stop.raise();

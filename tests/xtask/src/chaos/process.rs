@@ -116,6 +116,12 @@ impl Process {
         for line in self.lines().iter() {
             last = match (&last, PeerReport::from_line(line)) {
                 (_, None) => continue,
+                // A peer that a busy machine keeps from running may end its run next.
+                (PeerReport::Lost(silent), Some(PeerReport::Lost(over)))
+                    if silent.text.contains(SILENT) && over.text.contains(RUN_OVER) =>
+                {
+                    PeerReport::Lost(over)
+                }
                 (PeerReport::Lost(_), Some(PeerReport::Lost(_)))
                 | (PeerReport::Present(Some(_)), Some(PeerReport::Present(_))) => {
                     bail!("the {} has reported twice: {}", self.role, line.text)

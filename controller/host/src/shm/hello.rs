@@ -1,0 +1,159 @@
+//! What the two ends of a session send each other over a unix socket.
+//!
+//! The controller listens at [`SOCKET`] in the folder of its domain, and the leg connects.
+//! Each line is a value in JSON:
+//!
+//! 1. The leg sends `hello` with its session parameters.
+//! 2. If the controller agrees, it creates the session's shared memory. It answers with its
+//!    own `hello`, in which the session is missing if it disagrees.
+//! 3. The leg opens the memory and sends `"ready"`.
+//! 4. The controller completes the connection and sends `"ready"`. Samples and commands
+//!    follow in shared memory.
+//! 5. Whoever leaves in good order sends `"left"` before it closes the socket; the kernel
+//!    closes that of a killed process.
+//!
+//! So at each moment only one of the two creates or opens shared memory, and neither
+//! touches it after the other was killed.
+
+use std::io::{self, BufRead, BufReader, ErrorKind, Read};
+use std::os::unix::net::UnixStream;
+
+use rustix::net::{SendFlags, send};
+use serde::{Deserialize, Serialize};
+
+use crate::discovery::Session;
+use crate::link::SessionParams;
+
+/// Name of the controller's socket in the folder of a domain.
+pub(super) const SOCKET: &str = "session.sock";
+
+/// Longest line that is read, bytes.
+const MAX_LINE: u64 = 4096;
+
+/// A line that one end sends to the other.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Line {
+    /// The first line of each end.
+    Hello(Hello),
+    /// This end has opened the session's shared memory.
+    Ready,
+    /// This end leaves in good order.
+    Left,
+}
+
+/// What each end publishes about itself before the first message.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Hello {
+    /// Process id, in its own container; for messages only.
+    pub(super) pid: u32,
+    /// What both ends must agree on.
+    pub(super) params: SessionParams,
+    /// The session's shared memory, from a controller that agrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) session: Option<Session>,
+}
+
+/// A connected socket, which is read and written without waiting. It sends
+/// [`Line::Left`] when dropped.
+#[derive(Debug)]
+pub(super) struct Channel {
+    reader: BufReader<UnixStream>,
+    line: Vec<u8>,
+}
+
+impl Channel {
+    pub(super) fn new(socket: UnixStream) -> io::Result<Self> {
+        socket.set_nonblocking(true)?;
+        Ok(Self { reader: BufReader::new(socket), line: Vec::new() })
+    }
+
+    /// Sends a line. A peer that is gone or takes nothing is noticed by the next read.
+    pub(super) fn send(&self, line: &Line) {
+        if let Ok(mut text) = serde_json::to_vec(line) {
+            text.push(b'\n');
+            let _ = send(self.reader.get_ref(), &text, SendFlags::NOSIGNAL);
+        }
+    }
+
+    /// Returns the next line, or `None` while there is none.
+    ///
+    /// # Errors
+    /// Returns an error when the peer is gone, [`ErrorKind::InvalidData`] when it has sent
+    /// something else.
+    pub(super) fn next(&mut self) -> io::Result<Option<Line>> {
+        let left = MAX_LINE.saturating_sub(self.line.len() as u64);
+        match self.reader.by_ref().take(left).read_until(b'\n', &mut self.line) {
+            Ok(_) if self.line.ends_with(b"\n") => {
+                let line = serde_json::from_slice(&std::mem::take(&mut self.line));
+                line.map(Some).map_err(|cause| io::Error::new(ErrorKind::InvalidData, cause))
+            }
+            Ok(_) if self.line.len() as u64 >= MAX_LINE => Err(ErrorKind::InvalidData.into()),
+            Ok(_) => Err(ErrorKind::UnexpectedEof.into()),
+            Err(cause) if cause.kind() == ErrorKind::WouldBlock => Ok(None),
+            Err(cause) => Err(cause),
+        }
+    }
+}
+
+impl Drop for Channel {
+    fn drop(&mut self) {
+        self.send(&Line::Left);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+
+    use super::*;
+    use crate::link::TimeMode;
+
+    fn channel() -> (UnixStream, Channel) {
+        let (near, far) = UnixStream::pair().unwrap();
+        (near, Channel::new(far).unwrap())
+    }
+
+    #[test]
+    fn lines_arrive_whole_and_in_order_and_the_end_is_noticed() {
+        let (mut peer, mut channel) = channel();
+        assert_eq!(channel.next().unwrap(), None);
+        let hello = r#"{"hello":{"pid":7,"params":{"wire_version":9,"rate_hz":500,"gravity_m_s2":0.3,"leg":null,"time_mode":"real-time"},"novelty":[]}}"#;
+        peer.write_all(&hello.as_bytes()[..20]).unwrap();
+        assert_eq!(channel.next().unwrap(), None, "it is incomplete");
+        peer.write_all(format!("{}\n\"ready\"\n\"left\"\n", &hello[20..]).as_bytes()).unwrap();
+        let params = SessionParams { wire_version: 9, ..SessionParams::at(500) };
+        let params = params.with_gravity(0.3).with_time_mode(TimeMode::RealTime);
+        let expected = Hello { pid: 7, params, session: None };
+        assert_eq!(channel.next().unwrap(), Some(Line::Hello(expected)));
+        drop(peer);
+        assert_eq!(channel.next().unwrap(), Some(Line::Ready), "before the end");
+        assert_eq!(channel.next().unwrap(), Some(Line::Left));
+        assert_eq!(channel.next().unwrap_err().kind(), ErrorKind::UnexpectedEof);
+        channel.send(&Line::Ready);
+    }
+
+    #[test]
+    fn parameters_arrive_bit_for_bit_and_an_end_in_good_order_is_sent() {
+        let (peer, mut channel) = channel();
+        let peer = Channel::new(peer).unwrap();
+        for gravity in [9.81, 0.1 + 0.2, 1.0 / 3.0, f32::MIN_POSITIVE, 3.711_000_2] {
+            let params = SessionParams::at(1000).with_gravity(gravity).with_any_time_mode();
+            let session = Some(Session { prefix: "p".to_owned(), folder: "/f".into() });
+            let hello = Line::Hello(Hello { pid: 1, params, session });
+            peer.send(&hello);
+            assert_eq!(channel.next().unwrap(), Some(hello));
+        }
+        drop(peer);
+        assert_eq!(channel.next().unwrap(), Some(Line::Left));
+    }
+
+    #[test]
+    fn rejects_another_language_and_a_line_without_an_end() {
+        let (mut peer, mut channel) = channel();
+        peer.write_all(b"GET / HTTP/1.1\n").unwrap();
+        assert_eq!(channel.next().unwrap_err().kind(), ErrorKind::InvalidData);
+        peer.write_all(&[b'x'; MAX_LINE as usize]).unwrap();
+        assert_eq!(channel.next().unwrap_err().kind(), ErrorKind::InvalidData);
+    }
+}
