@@ -106,12 +106,13 @@ impl Feed {
     /// not keep a domain alive.
     fn check_presence(&mut self, scene: &mut Scene) {
         let players = Participants::of(&self.domain).unwrap_or_default();
-        scene.players = players;
+        let before = std::mem::replace(&mut scene.players, players);
         if self.observer.as_ref().is_some_and(Observer::is_over) {
             self.observer = None;
         }
         if !players.any() {
-            if self.observer.take().is_some() {
+            self.observer = None;
+            if before.any() {
                 scene.clear();
             }
         } else if self.observer.is_none() {

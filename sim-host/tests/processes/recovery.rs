@@ -66,7 +66,7 @@ fn a_stopped_and_continued_controller_does_not_change_the_run() {
     assert_eq!((count(err, "sends again after"), err.lines().count()), (1, 2), "{err}");
     let err = &controller.assert_ok().err;
     assert_eq!(count(err, "the simulator is alive but has sent nothing for 1 s"), 1, "{err}");
-    assert_eq!((count(err, "goes on"), err.lines().count()), (1, 2), "{err}");
+    assert_eq!((count(err, "sends again after"), err.lines().count()), (1, 2), "{err}");
     place.assert_clean();
 }
 

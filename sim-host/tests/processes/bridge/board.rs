@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use leg_control::serial::frame::{self, MAX_FRAME};
 use leg_control::serial::message::{Alarm, Slot, ToHost};
@@ -19,6 +19,7 @@ use leg_host::serial::stream::{ByteStream, over_device, over_unix};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{LocalModes, OptionalActions, tcgetattr, tcsetattr};
 
+use crate::SOON;
 use crate::place::{Place, text};
 
 /// A disturbance of a board.
@@ -183,10 +184,17 @@ impl Line {
         }
     }
 
+    /// Changes the settings of the terminal, and waits until the bridge has set them again.
     fn change_settings(&self) {
         let port = File::options().read(true).write(true).open(&self.path).unwrap();
         let mut settings = tcgetattr(&port).unwrap();
-        settings.local_modes |= LocalModes::ICANON | LocalModes::ECHO;
+        let changed = LocalModes::ICANON | LocalModes::ECHO;
+        settings.local_modes |= changed;
         tcsetattr(&port, OptionalActions::Now, &settings).unwrap();
+        let deadline = Instant::now() + SOON;
+        while tcgetattr(&port).unwrap().local_modes.contains(changed) {
+            assert!(Instant::now() < deadline, "the settings stay changed");
+            std::thread::sleep(Duration::from_millis(1));
+        }
     }
 }
