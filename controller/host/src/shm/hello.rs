@@ -1,19 +1,7 @@
 //! What the two ends of a session send each other over a unix socket.
 //!
 //! The controller listens at [`SOCKET`] in the folder of its domain, and the leg connects.
-//! Each line is a value in JSON:
-//!
-//! 1. The leg sends `hello` with its session parameters.
-//! 2. If the controller agrees, it creates the session's shared memory. It answers with its
-//!    own `hello`, in which the session is missing if it disagrees.
-//! 3. The leg opens the memory and sends `"ready"`.
-//! 4. The controller completes the connection and sends `"ready"`. Samples and commands
-//!    follow in shared memory.
-//! 5. Whoever leaves in good order sends `"left"` before it closes the socket; the kernel
-//!    closes that of a killed process.
-//!
-//! So at each moment only one of the two creates or opens shared memory, and neither
-//! touches it after the other was killed.
+//! The lines and their order are in `SESSION.md`, which programs of other languages follow.
 
 use std::io::{self, BufRead, BufReader, ErrorKind, Read};
 use std::os::unix::net::UnixStream;
@@ -131,6 +119,24 @@ mod tests {
         assert_eq!(channel.next().unwrap(), Some(Line::Left));
         assert_eq!(channel.next().unwrap_err().kind(), ErrorKind::UnexpectedEof);
         channel.send(&Line::Ready);
+    }
+
+    #[test]
+    fn the_lines_in_the_document_are_those_that_are_sent() {
+        let document = include_str!("../../SESSION.md");
+        let examples: Vec<&str> = document
+            .lines()
+            .map(str::trim)
+            .filter(|line| {
+                line.starts_with("{\"") || line.starts_with("\"re") || *line == "\"left\""
+            })
+            .collect();
+        assert_eq!(examples.len(), 4);
+        for example in examples {
+            let line: Line = serde_json::from_str(example).expect(example);
+            assert_eq!(serde_json::to_string(&line).unwrap(), example);
+        }
+        assert!(document.contains("at most 4,096 bytes") && MAX_LINE == 4096);
     }
 
     #[test]
