@@ -140,8 +140,12 @@ fn a_peer_that_ends_while_it_connects_is_forgotten() {
     let update = |controller: &ShmController| controller.monitor().update().unwrap();
     for lines in [vec![], vec![hello(None)], vec![hello(None), Line::Ready]] {
         let leg = Channel::new(UnixStream::connect(domain.root().join(SOCKET)).unwrap()).unwrap();
-        lines.iter().for_each(|line| leg.send(line));
-        (0..2).for_each(|_| assert!(update(&controller).is_none()));
+        for line in &lines {
+            leg.send(line);
+        }
+        for _ in 0..2 {
+            assert!(update(&controller).is_none());
+        }
         drop(leg);
         for _ in 0..3 {
             let event = update(&controller);
