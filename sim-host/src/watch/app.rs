@@ -7,6 +7,7 @@ use leg_host::shm::ConnectError;
 use leg_process::Stop;
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event};
+use ratatui::widgets::Clear;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::feed::Feed;
@@ -66,6 +67,11 @@ fn show(
         feed.update(&mut scene);
         if drawn.is_none_or(|drawn| drawn.elapsed() >= FRAME_INTERVAL) {
             drawn = Some(Instant::now());
+            // After a run all is drawn anew. (`terminal.clear` would ask the terminal for its
+            // cursor, which not every one answers.)
+            if scene.take_cleared() {
+                terminal.draw(|frame| frame.render_widget(Clear, frame.area()))?;
+            }
             terminal.draw(|frame| view::draw(frame, &scene))?;
         }
         let input = wait_for_key();

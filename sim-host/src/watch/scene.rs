@@ -56,6 +56,8 @@ pub struct Scene {
     pub controller: Option<status::Status>,
     /// Simulated time per wall time.
     pub speed: Option<f64>,
+    /// Whether the data of a run was discarded since the last [`Self::take_cleared`].
+    is_cleared: bool,
     message: Option<(Instant, String)>,
     measured: Option<(Instant, u64)>,
 }
@@ -152,6 +154,12 @@ impl Scene {
         self.reset_path();
         (self.sample, self.command, self.leg, self.controller) = (None, None, None, None);
         (self.speed, self.measured) = (None, None);
+        self.is_cleared = true;
+    }
+
+    /// Returns whether the data of a run was discarded since the last call.
+    pub fn take_cleared(&mut self) -> bool {
+        std::mem::take(&mut self.is_cleared)
     }
 
     fn reset_path(&mut self) {

@@ -51,7 +51,7 @@ impl Watch {
         wait_until(|| {
             let mut screen = self.screen.lock().unwrap();
             if !screen.contains(text) {
-                return Err(format!("`{text}` is not drawn"));
+                return Err(format!("`{text}` is not drawn: {screen:?}"));
             }
             screen.clear();
             Ok(())
@@ -107,6 +107,7 @@ fn watching_does_not_change_a_run_and_can_operate_it() {
     let bare = place.alone_for(watched.ticks(), &["--set-point", "0.25"]);
     assert_eq!(watched.assert_ok().state_hash(), bare.state_hash());
     wait_until_clean();
+    // After a run all is drawn anew.
     watch.wait_for("waiting");
 
     // The next run, by its keys: another set-point, a pause, the end.
