@@ -10,7 +10,7 @@
 //! receiver yields the core and, after a millisecond, sleeps.
 //!
 //! The two ends find each other, agree on the session's parameters and notice each
-//! other's end by a unix socket ([`hello`]); the [`PeerMonitor`] handles that. Each session
+//! other's end by a Unix socket, as `SESSION.md` describes; the [`PeerMonitor`] handles that. Each session
 //! has shared memory of its own, so nothing that a killed process leaves behind is met again.
 //! The peer may go and another may connect while the link stays open. Sending, and receiving
 //! without a wait, only access the queues.
