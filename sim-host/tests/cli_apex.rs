@@ -146,6 +146,7 @@ fn exit_status_is_2_for_misuse_and_1_for_failure() {
     assert_eq!(status(&[], "vx,vx,y,alpha,rs\n1,1,2,1.5,0\n"), Some(2));
     assert_eq!(status(&[], ""), Some(2));
     let good = "vx,y,alpha,rs\n1,2,1.5,0\n";
-    assert_eq!(status(&["--output", "/no/such/folder/out.csv"], good), Some(1));
+    assert_eq!(status(&["--output", "/no/such/folder/out.csv"], good), Some(2));
+    assert_eq!(status(&["--output", "/dev/full"], good), Some(1));
     assert_eq!(status(&["--output", "/dev/null"], good), Some(0));
 }

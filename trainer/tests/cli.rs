@@ -231,7 +231,7 @@ fn infer_names_line_and_column_of_a_bad_observation() {
     // A folder that does not exist is found before the training.
     let output =
         trainer(&["train", "--preset", "robust", "--out", "nowhere/p.bin"], directory.path());
-    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(output.status.code(), Some(2));
     assert_eq!(
         text(&output.stderr),
         "trainer: nowhere/p.bin: cannot be written: No such file or directory (os error 2); \

@@ -205,3 +205,76 @@ fn a_result_that_cannot_be_written_at_the_end_is_saved_elsewhere() {
     assert!(fs::read(at.join(&saved)).unwrap() == fs::read(at.join("usual.bin")).unwrap());
     assert_eq!(names(&at.join("disk")), [""; 0]);
 }
+
+#[test]
+fn a_path_that_cannot_be_that_of_a_file_is_bad_input() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    succeeds(&format!("{SHORT} --out p.bin"), at);
+    succeeds("export --policy p.bin --to safetensors a.safetensors", at);
+    fs::create_dir(at.join("folder")).unwrap();
+    let before = names(at);
+    let long = "x".repeat(300);
+    for line in [
+        &format!("{SHORT} --out none/q.bin"),
+        &format!("{SHORT} --out p.bin/q.bin"),
+        &format!("{SHORT} --out folder"),
+        &format!("{SHORT} --out {long}"),
+        &format!("{SHORT} --out q.bin --log none/q.csv"),
+        &format!("{SHORT} --out q.bin --tensorboard p.bin/board"),
+        "study --preset air --steps 100 --seeds 0..1 --out p.bin/study",
+        "plot p.csv --out none/curves.svg",
+        "export --policy p.bin --to safetensors none/q.safetensors",
+        "import --safetensors a.safetensors --out none/q.bin",
+    ] {
+        fails(line, at, 2);
+    }
+    assert_eq!(names(at), before, "nothing is written");
+    // A system that refuses a good path is a failure.
+    let full = format!("{SHORT} --out /dev/full --log q.csv --checkpoint-every 0");
+    assert!(fails(&full, at, 1).contains("No space left on device"));
+}
+
+#[test]
+fn a_finished_training_is_replaced_by_itself_only() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let line = format!("{SHORT} --out p.bin --seed 1");
+    succeeds(&line, at);
+    let files = || ["p.bin", "p.csv"].map(|name| fs::read(at.join(name)).unwrap());
+    let first = files();
+    // The same again gives the same files.
+    succeeds(&line, at);
+    assert!(files() == first);
+    let other = format!("{SHORT} --out p.bin --seed 2");
+    for (more, what) in [
+        ("", "its seed is 1, not 2"),
+        (" --resume", "its seed is 1, not 2"),
+        (" --seed 1 --set learning.batch=64", "learning.batch is 32 in one and 64"),
+    ] {
+        let line = if more.contains("--seed") {
+            format!("{SHORT} --out p.bin{more}")
+        } else {
+            format!("{other}{more}")
+        };
+        let message = fails(&line, at, 2);
+        assert!(message.contains("--out p.bin: this is another policy"), "{message}");
+        assert!(message.contains(what), "{message}");
+        assert!(message.contains("name another file with --out, or replace it with --restart"));
+    }
+    assert!(files() == first);
+    // There is nothing to resume, and nothing is trained again.
+    for line in ["train --resume --out p.bin", &format!("{line} --resume")] {
+        let output = trainer(line, at);
+        assert!(output.status.success(), "{line}: {}", error(&output));
+        let out = String::from_utf8(output.stdout).unwrap();
+        assert_eq!(out, "p.bin: this training is complete, nothing is left to resume\n");
+    }
+    assert!(files() == first);
+    succeeds(&format!("{other} --restart"), at);
+    assert!(files() != first);
+    assert_eq!(names(at), ["p.bin", "p.csv"]);
+    // What is no policy is an output like any other.
+    fs::write(at.join("q.bin"), "a note").unwrap();
+    succeeds(&format!("{SHORT} --out q.bin"), at);
+}

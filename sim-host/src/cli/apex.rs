@@ -12,7 +12,7 @@ use csv::StringRecord;
 use leg_plant::{Action, Apex, Hop, Hopper, Leg, Medium, Outcome};
 use leg_process::atomic_file;
 
-use super::Misuse;
+use super::{Misuse, unwritable};
 
 const COLUMNS: &str = "\
 Input columns, in any order, identified by the names in the first line:
@@ -122,6 +122,10 @@ const RESULTS: [&str; 9] = [
 /// Reads all rows, computes the hops and writes them once all have succeeded.
 pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let name = args.input.display();
+    let cannot_write = || format!("cannot write {}", args.output.display());
+    if !is_standard(&args.output) {
+        atomic_file::check(&args.output).map_err(|error| unwritable(error, cannot_write()))?;
+    }
     let hops = if is_standard(&args.input) {
         convert(io::stdin().lock(), "standard input")?
     } else {
@@ -136,8 +140,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
             result => result.context("cannot write to standard output")?,
         }
     } else {
-        atomic_file::write(&args.output, &hops)
-            .with_context(|| format!("cannot write {}", args.output.display()))?;
+        atomic_file::write(&args.output, &hops).with_context(cannot_write)?;
     }
     Ok(ExitCode::SUCCESS)
 }

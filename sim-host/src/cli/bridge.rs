@@ -9,8 +9,9 @@ use leg_host::discovery::DomainError;
 use leg_host::serial::stream::EndpointArgs;
 use leg_host::serial::{ByteStream, Noisy, OpenError};
 use leg_host::shm::ConnectError;
+use leg_host::socket::SocketError;
 use leg_process::stdout;
-use leg_process::{Stop, stderr};
+use leg_process::{Stop, remedy, stderr};
 
 use leg_control::serial::message::Mode;
 
@@ -93,10 +94,15 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         |notice: &bridge::Notice| stderr::print_line(format_args!("sim-host: {notice}"));
     let report =
         bridge::run(&options, connect(args), Box::new(on_notice), &stop).map_err(|error| {
-            if matches!(error, BridgeError::Connect(ConnectError::Domain(DomainError::Name(_)))) {
-                return misuse(error);
+            match &error {
+                BridgeError::Connect(ConnectError::Domain(DomainError::Name(_))) => misuse(error),
+                BridgeError::RequestMux(SocketError::Io { cause, .. })
+                    if remedy::is_wrong_path(cause) =>
+                {
+                    misuse(error)
+                }
+                _ => error.into(),
             }
-            error.into()
         })?;
     if args.json {
         stdout::print_line(serde_json::to_string(&report)?)?;

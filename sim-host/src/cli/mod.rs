@@ -17,7 +17,7 @@ mod run;
 mod shore;
 mod watch;
 
-use leg_process::stderr;
+use leg_process::{remedy, stderr};
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -114,6 +114,16 @@ impl std::error::Error for Misuse {}
 /// Marks an error as one that the caller can correct.
 fn misuse(error: impl fmt::Display) -> anyhow::Error {
     Misuse(error.to_string()).into()
+}
+
+/// Returns the error of an output that cannot be written: misuse if its path cannot be that of a
+/// file.
+fn unwritable(error: std::io::Error, message: String) -> anyhow::Error {
+    if remedy::is_wrong_path(&error) {
+        misuse(format!("{message}: {error}"))
+    } else {
+        anyhow::Error::new(error).context(message)
+    }
 }
 
 /// Loads and checks a policy file. A controller process checks it too; checking it

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::Context;
 
-use super::{hint, misuse};
+use super::{hint, misuse, unwritable};
 use crate::plot::{PlotData, picture};
 use leg_process::{atomic_file, stderr};
 
@@ -35,7 +35,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     }
     // A long recording is not read for a picture that cannot be written.
     let cannot_write = || format!("cannot write {}", args.out.display());
-    atomic_file::check(&args.out).with_context(cannot_write)?;
+    atomic_file::check(&args.out).map_err(|error| unwritable(error, cannot_write()))?;
     let data = PlotData::read(&args.recording, from_s..until_s).map_err(|error| {
         misuse(leg_host::cli::hint::with_hint(&error, hint::read_error(&error)))
     })?;

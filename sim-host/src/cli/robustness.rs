@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use anyhow::Context;
 use leg_process::stdout;
 
-use super::{checked_policy, misuse};
+use super::{checked_policy, misuse, unwritable};
 use crate::robustness::{Media, Size, picture, sweep};
 use leg_process::atomic_file::AtomicFile;
 
@@ -80,7 +80,7 @@ fn begin(folder: &Path, name: &str) -> anyhow::Result<(AtomicFile, PathBuf)> {
     let path = folder.join(name);
     let pending = fs::create_dir_all(folder)
         .and_then(|()| AtomicFile::create(&path))
-        .with_context(|| cannot_write(&path))?;
+        .map_err(|error| unwritable(error, cannot_write(&path)))?;
     Ok((pending, path))
 }
 

@@ -11,8 +11,8 @@ use leg_host::TimeMode;
 use leg_process::stdout;
 use leg_process::{Stop, rounded, stderr};
 
-use super::checked_policy;
 use super::recording::Recording;
+use super::{checked_policy, misuse, unwritable};
 use crate::scenario::{Scenario, Settings};
 use crate::session::TickRecord;
 use crate::session::child::ControllerArgs;
@@ -50,8 +50,12 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     // Opened before the run, so that an unwritable directory is reported at once if the caller
     // has named it. Without, the run and its table come first.
     let path = args.out.as_deref().unwrap_or(Path::new("out")).join("shore.svg");
-    let picture = begin_picture(&path);
-    let picture = if args.out.is_some() { Ok(picture?) } else { picture };
+    let picture = match (begin_picture(&path), &args.out) {
+        (Err(error), Some(_)) => return Err(error),
+        // A folder that the caller has not named is none of the caller's mistakes.
+        (Err(error), None) => Err(anyhow::anyhow!("{error:#}")),
+        (picture, _) => picture,
+    };
     let scenario = Scenario::shore();
     let record = args.record.as_deref();
     let mut recording =
@@ -121,12 +125,12 @@ fn connect_options(args: &Args, scenario: &Scenario) -> ConnectOptions {
 /// Opens the picture's file and, if necessary, creates its folder.
 fn begin_picture(path: &Path) -> anyhow::Result<AtomicFile> {
     if path.exists() && !path.is_file() {
-        anyhow::bail!("{}: it exists and is not a file", cannot_write(path));
+        return Err(misuse(format!("{}: it exists and is not a file", cannot_write(path))));
     }
     let folder = path.parent().unwrap_or(Path::new("."));
     std::fs::create_dir_all(folder)
         .and_then(|()| AtomicFile::create(path))
-        .with_context(|| cannot_write(path))
+        .map_err(|error| unwritable(error, cannot_write(path)))
 }
 
 fn cannot_write(path: &Path) -> String {

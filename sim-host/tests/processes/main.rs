@@ -282,9 +282,21 @@ fn reports_an_unwritable_folder_that_was_named_before_the_run() {
     let place = Place::new();
     let in_the_way = place.policy();
     let shore = place.shore(&in_the_way).end();
-    shore.assert(1, &[text(&in_the_way), "shore.svg", "--out"]);
+    shore.assert(2, &[text(&in_the_way), "shore.svg", "--out"]);
     assert_eq!(shore.out, "", "the run has not started");
     assert_eq!(shore.err.lines().count(), 1, "{}", shore.err);
+    // Whatever writes there: the path cannot be that of a file.
+    let below = text(&in_the_way.join("x")).to_owned();
+    let recording = text(&place.file("none.mcap")).to_owned();
+    for arguments in [
+        &["robustness", "--out", &below][..],
+        &["plot", &recording, "-o", &below],
+        &["run", "--in-process", "--record", &below],
+        &["controller", "virtual-board", "--unix", &below],
+        &["bridge", "--unix", "nowhere", "--share", &below],
+    ] {
+        place.start(arguments[0], &arguments[1..]).end().assert(2, &[&below, "Not a directory"]);
+    }
     place.assert_clean();
 }
 

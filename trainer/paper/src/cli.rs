@@ -73,7 +73,8 @@ impl From<FiguresError> for Failure {
             FiguresError::Reference { .. } => input(error),
             FiguresError::Write { ref cause, .. } => {
                 let hint = remedy::of_write(cause).unwrap_or(OUT_HINT);
-                failed(anyhow!("{error}; {hint}"))
+                let message = anyhow!("{error}; {hint}");
+                if remedy::is_wrong_path(cause) { input(message) } else { failed(message) }
             }
             _ => failed(error),
         }

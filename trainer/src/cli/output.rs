@@ -24,9 +24,13 @@ impl Target<'_> {
         failed(anyhow!("{path}: cannot be written: {error}{more}; {remedy}"))
     }
 
-    /// Checks before the work whether the file can be written.
+    /// Checks before the work whether the file can be written. A path that cannot be that of a
+    /// file is bad input.
     pub(crate) fn check(&self) -> Result<(), Failure> {
-        atomic_file::check(self.path).map_err(|e| self.unwritten(&e, ""))
+        atomic_file::check(self.path).map_err(|error| match self.unwritten(&error, "") {
+            Failure::Run(message) if remedy::is_wrong_path(&error) => Failure::Input(message),
+            failure => failure,
+        })
     }
 
     /// Writes the complete file. Where that fails, the content, which may have taken hours,

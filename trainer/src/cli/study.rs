@@ -105,7 +105,7 @@ impl Study {
         let stop = Stop::on_signals().context("signals").map_err(failed)?;
         let shard = self.shard()?;
         let plan = Plan::new(self.config(choice)?, self.seeds, self.eval_starts, SEED);
-        let folder = Folder::begin(&self.out, plan).map_err(refused)?;
+        let folder = Folder::begin(&self.out, plan).map_err(refused_out)?;
         let mut missing = Vec::new();
         for seed in shard.of(self.seeds) {
             if folder.report(seed).map_err(refused)?.is_none() {
@@ -143,6 +143,15 @@ fn refused(error: StudyError) -> Failure {
     match error {
         StudyError::File { .. } | StudyError::Busy { .. } => failed(error),
         _ => input(error),
+    }
+}
+
+/// Returns the failure of an error before anything is done. A path that cannot be that of a
+/// folder is bad input.
+fn refused_out(error: StudyError) -> Failure {
+    match error {
+        StudyError::File { error: ref cause, .. } if remedy::is_wrong_path(cause) => input(error),
+        _ => refused(error),
     }
 }
 

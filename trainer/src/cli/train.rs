@@ -52,11 +52,11 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "SECONDS", default_value = "30", value_parser = seconds)]
     checkpoint_every: f64,
     /// Resume from the checkpoint beside --out; without one, begin the training of --preset or
-    /// --config
+    /// --config, unless it is complete
     #[arg(long, conflicts_with = "restart")]
     resume: bool,
-    /// Begin anew, and discard the checkpoint beside --out and the rows of an interrupted
-    /// training without one
+    /// Begin anew, and discard the policy at --out, the checkpoint beside it and the rows of an
+    /// interrupted training without one
     #[arg(long)]
     restart: bool,
     /// Continue a training that has collapsed
@@ -190,6 +190,46 @@ impl Arguments {
         }
     }
 
+    /// Returns the policy that a training without a checkpoint would overwrite.
+    fn finished(&self) -> Option<PolicyFile> {
+        if checkpoint::path(&self.out).exists() {
+            return None;
+        }
+        // What is no policy may be overwritten, as the outputs of other commands are.
+        PolicyFile::read(&self.out).ok().filter(|file| file.policy().is_ok())
+    }
+
+    /// Checks that a finished policy is of the same training, which gives it again to the last bit.
+    fn check_same(&self, finished: &PolicyFile, config: &Config) -> Result<(), Failure> {
+        let policy = finished.policy().map_err(input)?;
+        let from = &policy.manifest().provenance;
+        let seed = self.seed.unwrap_or(0);
+        let what = if from.seed != seed {
+            format!("its seed is {}, not {seed}", from.seed)
+        } else if from.config != config.to_toml() {
+            match toml::from_str::<Config>(from.config) {
+                Ok(there) => there.difference(config).unwrap_or_else(|| "another preset".into()),
+                Err(_) => "it is not made by such a training".into(),
+            }
+        } else {
+            return Ok(());
+        };
+        let out = self.out.display();
+        Err(input(anyhow!(
+            "--out {out}: this is another policy ({what}); name another file with --out, or \
+             replace it with --restart"
+        )))
+    }
+
+    /// Returns whether there is nothing to resume because the training is complete.
+    fn is_complete(&self) -> Result<bool, Failure> {
+        let Some(finished) = self.finished().filter(|_| self.resume) else { return Ok(false) };
+        if self.choice.is_given() {
+            self.check_same(&finished, &self.config(None)?)?;
+        }
+        Ok(true)
+    }
+
     fn target(&self) -> Target<'_> {
         Target { path: &self.out, option: "--out" }
     }
@@ -269,14 +309,28 @@ fn open(arguments: &Arguments) -> Result<Run, Failure> {
         let config = arguments.config(None)?;
         // Before the training: the output must be writable.
         arguments.target().check()?;
+        if let Some(finished) = arguments.finished().filter(|_| !arguments.restart) {
+            arguments.check_same(&finished, &config)?;
+        }
         Run::begin(config, arguments.seed.unwrap_or(0), isa, &options)
     };
-    run.map_err(failure)
+    run.map_err(|error| {
+        let is_wrong_path = error.is_wrong_path();
+        match failure(error) {
+            // Nothing was done yet: the caller can name another path.
+            Failure::Run(message) if is_wrong_path => Failure::Input(message),
+            failure => failure,
+        }
+    })
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     // Before any file exists, so that a signal leaves none unfinished.
     let stop = Stop::on_signals().context("signals").map_err(failed)?;
+    if arguments.is_complete()? {
+        let out = arguments.out.display();
+        return print(&format!("{out}: this training is complete, nothing is left to resume"));
+    }
     let pool = pool()?;
     let began = Instant::now();
     let mut run = open(arguments)?;

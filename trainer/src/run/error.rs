@@ -2,6 +2,7 @@
 
 use super::collapse::CollapseError;
 use crate::train::{DivergenceError, StateError};
+use leg_process::remedy;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -91,6 +92,12 @@ impl RunError {
             self,
             Self::Log { .. } | Self::OtherLog { .. } | Self::Checkpoint { .. } | Self::State { .. }
         )
+    }
+
+    /// Whether the path of a file to write cannot be that of a file, whoever writes it.
+    #[must_use]
+    pub fn is_wrong_path(&self) -> bool {
+        matches!(self, Self::Unwritten { cause, .. } if remedy::is_wrong_path(cause))
     }
 
     /// Whether resuming from the checkpoint would end the same way.

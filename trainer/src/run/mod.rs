@@ -94,6 +94,10 @@ impl Run {
         isa: Isa,
         options: &RunOptions,
     ) -> Result<Self, RunError> {
+        // Before the log, which would be left where the folder cannot be made.
+        if let Some(folder) = &options.tensorboard {
+            EventWriter::check(folder)?;
+        }
         let log = Log::begin(&options.log, |part| discardable(part, options))?;
         let training = Training::new(config, seed, isa);
         let mut run = Self::new(training, RecentEpisodes::default(), log, options)?;

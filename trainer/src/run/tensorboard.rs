@@ -125,6 +125,14 @@ pub struct EventWriter {
 }
 
 impl EventWriter {
+    /// Creates the folder of all trainings, if it is missing.
+    ///
+    /// # Errors
+    /// [`RunError`] when that is not possible.
+    pub fn check(folder: &Path) -> Result<(), RunError> {
+        create_dir_all(folder).map_err(RunError::unwritten(folder, Purpose::Events))
+    }
+
     /// Creates a new file in the training's own folder, below `folder`: the one of the name
     /// `title`, or `title-2` and so on where another training has that.
     ///

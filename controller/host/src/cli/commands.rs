@@ -21,7 +21,7 @@ use crate::status::Status;
 use leg_control::serial::message::{Activity, Request, RequestError, Slot};
 use leg_process::policy_file::{PolicyFile, PolicyFileError};
 use leg_process::stdout;
-use leg_process::{Stop, stderr};
+use leg_process::{Stop, remedy, stderr};
 
 /// Time between two checks whether a swap is in force.
 const LOOK: Duration = Duration::from_millis(10);
@@ -153,7 +153,7 @@ impl CommandError {
                 | Self::PolicyStays { .. }
                 | Self::Connection(ConnectionError::Domain(_))
                 | Self::Client(ClientError::Refused(RequestError::SetPoint { .. }))
-        )
+        ) || matches!(self, Self::Socket(SocketError::Io { cause, .. }) if remedy::is_wrong_path(cause))
     }
 }
 
