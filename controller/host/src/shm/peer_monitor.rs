@@ -159,8 +159,10 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
     /// Returns [`ConnectError`] when the system fails; a later call may succeed.
     pub fn update(&self) -> Result<Option<PeerEvent>, ConnectError> {
         let mut state = lock(&self.state);
+        if let Some(channel) = self.call(&state.peer)? {
+            state.peer = PeerState::Greeted(channel);
+        }
         let (next, event) = match std::mem::replace(&mut state.peer, PeerState::Absent) {
-            PeerState::Absent => (self.call()?, None),
             PeerState::Greeted(channel) => self.greet(channel)?,
             PeerState::Preparing(channel, peer, ports) => self.prepare(channel, peer, ports)?,
             PeerState::Connected(channel, peer) => self.watch(channel, peer),
@@ -168,6 +170,7 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
                 Ok(None) => (PeerState::Rejected(channel), None),
                 _ => (PeerState::Absent, None),
             },
+            PeerState::Absent => (PeerState::Absent, None),
         };
         state.peer = next;
         match &event {
@@ -179,7 +182,16 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
     }
 
     /// Connects to a controller, or accepts a leg, if there is one.
-    fn call(&self) -> Result<PeerState<Out, In>, ConnectError> {
+    fn call(&self, last: &PeerState<Out, In>) -> Result<Option<Channel>, ConnectError> {
+        // A leg that has the role replaces a process that is silent or was rejected.
+        let may_connect = match last {
+            PeerState::Absent => true,
+            PeerState::Connected(..) => false,
+            _ => self.listener.is_some(),
+        };
+        if !may_connect {
+            return Ok(None);
+        }
         // Nobody can connect any more without the folder; a connected peer needs it no longer.
         self.domain.check()?;
         let socket = match &self.listener {
@@ -187,11 +199,11 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
             None => connect(&self.domain.root().join(SOCKET)),
         };
         // Whatever failed, the next update tries again.
-        let Ok(channel) = socket.and_then(Channel::new) else { return Ok(PeerState::Absent) };
+        let Ok(channel) = socket.and_then(Channel::new) else { return Ok(None) };
         if self.listener.is_none() {
             channel.send(&self.hello(None));
         }
-        Ok(PeerState::Greeted(channel))
+        Ok(Some(channel))
     }
 
     fn hello(&self, session: Option<Session>) -> Line {
@@ -220,24 +232,21 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
             }
             return Ok(reject(channel, error));
         }
-        let create = |session: &Session| {
-            Ports::create(session).map_err(|cause| self.failed("create the shared memory", &cause))
+        let session = match &self.listener {
+            Some(_) => Some(Session::begin(&self.domain)?),
+            None => hello.session,
         };
-        let ports = match (&self.listener, hello.session) {
-            (Some(_), _) => {
-                let session = Session::begin(&self.domain)?;
-                let ports = create(&session)?;
-                channel.send(&self.hello(Some(session)));
-                ports
-            }
-            (None, Some(session)) => {
-                let ports = create(&session)?;
-                self.map_peer(&ports)?;
-                channel.send(&Line::Ready);
-                ports
-            }
-            (None, None) => return Ok(reject(channel, not_understood(&"it names no session"))),
+        let Some(session) = session else {
+            return Ok(reject(channel, not_understood(&"it names no session")));
         };
+        let ports = Ports::create(&session)
+            .map_err(|cause| self.failed("create the shared memory", &cause))?;
+        if self.listener.is_some() {
+            channel.send(&self.hello(Some(session)));
+        } else {
+            self.map_peer(&ports)?;
+            channel.send(&Line::Ready);
+        }
         let peer = Peer { role: In::SENDER, pid: hello.pid, leg: hello.params.leg };
         Ok((PeerState::Preparing(channel, peer, ports), None))
     }

@@ -144,7 +144,7 @@ fn a_peer_that_ends_while_it_connects_is_forgotten() {
             leg.send(line);
         }
         for _ in 0..2 {
-            assert!(update(&controller).is_none());
+            assert!(!matches!(update(&controller), Some(PeerEvent::Rejected(_))));
         }
         drop(leg);
         for _ in 0..3 {
@@ -183,6 +183,31 @@ fn a_peer_that_ends_while_it_connects_is_forgotten() {
             scope.spawn(|| ShmController::connect(&domain, params, LONG, &Stop::default()));
         leg.wait_for_peer(Some(LONG), |_| true).unwrap();
         drop(controller.join().unwrap().unwrap());
+    });
+}
+
+#[test]
+fn a_stranger_that_sends_nothing_or_is_rejected_keeps_no_leg_from_connecting() {
+    let dir = tempfile::tempdir().unwrap();
+    let domain = domain(&dir);
+    let params = SessionParams::at(1000);
+    let mut controller = ShmController::open(&domain, params, &Stop::default()).unwrap();
+    let monitor = controller.monitor();
+    let stranger = || UnixStream::connect(domain.root().join(SOCKET)).unwrap();
+    let _silent = stranger();
+    assert!(monitor.update().unwrap().is_none());
+    let mut rejected = stranger();
+    rejected.write_all(b"7\n").unwrap();
+    assert!(matches!(monitor.update().unwrap(), Some(PeerEvent::Rejected(_))));
+    assert!(monitor.update().unwrap().is_none(), "reported once");
+    std::thread::scope(|scope| {
+        let leg = scope.spawn(|| ShmLeg::connect(&domain, params, LONG, &Stop::default()));
+        controller.wait_for_peer(Some(LONG), |_| true).unwrap();
+        // A stranger does not disturb a connected leg either.
+        let _late = stranger();
+        let leg = leg.join().unwrap().unwrap();
+        assert!(monitor.update().unwrap().is_none());
+        drop(leg);
     });
 }
 
