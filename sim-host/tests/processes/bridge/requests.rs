@@ -166,7 +166,10 @@ fn a_recorder_requests_the_policy_of_a_board_once() {
     let path = place.file("run.mcap");
     let run = ["--duration", "10", "--timeout", "30", "--record", text(&path)];
     place.simulator(&run).end().assert_ok();
-    assert!(number(&report(&bridge_on.end()), "/shared_requests") <= 1);
+    // On a busy machine the one request is sent again until its answer comes. Asked all the
+    // time, it would be one every 10 ms of the run.
+    let requests = number(&report(&bridge_on.end()), "/shared_requests");
+    assert!(requests <= 8, "{requests} requests");
     place.start("replay", &[text(&path)]).end().assert(2, &["topic /policy", "bridge"]);
     let policy = place.policy();
     place.start("replay", &[text(&path), "--policy", text(&policy)]).end().assert_ok();
