@@ -1,7 +1,6 @@
 //! Collects the data for the view.
 
 use std::sync::mpsc::{self, Receiver, Sender, TryRecvError};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use leg_host::Role;
@@ -40,9 +39,10 @@ pub(super) struct Feed {
     /// Since when joining has failed, and when it was tried last.
     failing: Option<(Instant, Instant)>,
     checked: Option<Instant>,
-    requests: Option<Sender<LegRequest>>,
+    /// To a thread that ends with this value, as soon as it has its last answer: a process
+    /// that is stopped gives it none for a while.
+    requests: Sender<LegRequest>,
     answers: Receiver<Answer>,
-    requester: Option<JoinHandle<()>>,
 }
 
 impl Feed {
@@ -55,27 +55,17 @@ impl Feed {
         let (requests, request_receiver) = mpsc::channel();
         let (answer_sender, answers) = mpsc::channel();
         let name = domain.to_owned();
-        let requester = std::thread::Builder::new()
+        // Without the thread the view shows no status.
+        let _ = std::thread::Builder::new()
             .name("requests".to_owned())
-            .spawn(move || exchange_requests(&name, &request_receiver, &answer_sender))
-            .ok();
+            .spawn(move || exchange_requests(&name, &request_receiver, &answer_sender));
         let domain = domain.to_owned();
-        Ok(Self {
-            domain,
-            observer: None,
-            failing: None,
-            checked: None,
-            requests: Some(requests),
-            answers,
-            requester,
-        })
+        Ok(Self { domain, observer: None, failing: None, checked: None, requests, answers })
     }
 
     /// Sends a request to the leg; its answer arrives with a later update.
     pub(super) fn send(&self, request: LegRequest) {
-        if let Some(requests) = &self.requests {
-            let _ = requests.send(request);
-        }
+        let _ = self.requests.send(request);
     }
 
     /// Updates the scene. This takes some microseconds, and more after a process has
@@ -139,15 +129,6 @@ impl Feed {
                     scene.show_message(error.to_string());
                 }
             }
-        }
-    }
-}
-
-impl Drop for Feed {
-    fn drop(&mut self) {
-        self.requests = None;
-        if let Some(requester) = self.requester.take() {
-            let _ = requester.join();
         }
     }
 }

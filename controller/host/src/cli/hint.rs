@@ -149,7 +149,9 @@ pub fn peer_event(event: &PeerEvent) -> Option<String> {
             Some(format!("the {role} (process {pid}) has left"))
         }
         PeerEvent::Lost(error) => Some(with_hint(error, link_error(error))),
-        PeerEvent::Rejected(error) => Some(with_hint(error, connect_error(error))),
+        PeerEvent::Rejected(error) | PeerEvent::Failed(error) => {
+            Some(with_hint(error, connect_error(error)))
+        }
     }
 }
 
@@ -167,6 +169,7 @@ mod tests {
             domain: "d".to_owned(),
             waited: Duration::from_secs(1),
             params: SessionParams::at(500),
+            failure: None,
             whereabouts: Whereabouts::default(),
         };
         let command =

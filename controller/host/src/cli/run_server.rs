@@ -134,11 +134,16 @@ impl RunServer {
     /// Waits until a leg is connected.
     pub(super) fn wait(&mut self) -> Result<(), ConnectError> {
         let (reported, node) = (&mut self.has_reported_missing, &mut self.node);
+        let mut failure = None;
         let peer = self.link.wait_for_peer(self.timeout, |missing| {
             node.idle();
             if !*reported && missing.waited >= REPORT_AFTER {
                 *reported = true;
                 log(format_args!("{missing}; {}; still waiting", hint::missing_peer(missing)));
+            }
+            if missing.failure != failure {
+                failure.clone_from(&missing.failure);
+                log(format_args!("{missing}; still waiting"));
             }
             true
         })?;

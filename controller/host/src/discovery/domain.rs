@@ -257,7 +257,9 @@ impl Domain {
             make_private(base)?;
             make_private(&path)?;
             // The last process to leave removes the folder; then create it again.
-            if let Some(folder) = Folder::open(base, name)? {
+            let folder = Folder::open(base, name)?;
+            let is_there = folder.is_some();
+            if let Some(folder) = folder {
                 if folder.lock(File::try_lock)? {
                     folder.clear();
                 }
@@ -270,8 +272,14 @@ impl Domain {
                     return Ok(Arc::new(Self { name, base, folder, _sweeper: sweeper }));
                 }
             }
-            if Instant::now() >= deadline {
+            if Instant::now() >= deadline && is_there {
                 return Err(DomainError::Busy { path, waited: CLEAN_UP_TIMEOUT });
+            } else if Instant::now() >= deadline {
+                let cause = io::Error::new(
+                    io::ErrorKind::NotFound,
+                    "it is not there after it was created; is it, or the folder above, a link to nowhere?",
+                );
+                return Err(io_error("use", &path)(cause));
             }
             std::thread::sleep(RETRY);
         }
@@ -305,6 +313,14 @@ impl Domain {
         } else {
             Err(DomainError::Removed { path: self.root().to_owned() })
         }
+    }
+
+    /// Checks that there is room for a session.
+    ///
+    /// # Errors
+    /// Returns [`DomainError::NoRoom`] when there is not.
+    pub fn check_room(&self) -> Result<(), DomainError> {
+        Ok(room::check(Path::new(SHARED_MEMORY))?)
     }
 
     /// Reserves pages for all objects of shared memory that the domain has now.
@@ -439,6 +455,15 @@ mod tests {
         assert!(!memory.exists(), "the last process to leave removes it");
         assert!(!has_orphans(dir.path(), "d"));
         newcomer.check().expect("the folder of the newcomer is not removed");
+    }
+
+    #[test]
+    fn a_link_to_nowhere_is_named_and_no_other_process_blamed() {
+        let dir = tempfile::tempdir().unwrap();
+        let base = dir.path().join("base");
+        std::os::unix::fs::symlink("/nowhere/at/all", &base).unwrap();
+        let message = Domain::join_in(&base, "d").unwrap_err().to_string();
+        assert!(message.contains("base/d") && message.contains("link to nowhere"), "{message}");
     }
 
     #[test]

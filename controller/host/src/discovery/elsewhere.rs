@@ -12,7 +12,7 @@ use crate::link::Role;
 pub struct Whereabouts {
     /// The folder of the domain in which it was looked for.
     pub folder: PathBuf,
-    /// A process that holds the role and does not answer.
+    /// A process that has the role and has not answered.
     pub silent: Option<Holder>,
     /// Other domains of this user in which a process holds the role.
     pub domains: Vec<String>,
@@ -59,7 +59,10 @@ impl fmt::Display for Whereabouts {
         if let Some(Holder { pid }) = self.silent {
             let process =
                 pid.map_or_else(|| "a process".to_owned(), |pid| format!("process {pid}"));
-            write!(f, "; {process} holds the role and does not answer: is it stopped?")?;
+            write!(
+                f,
+                "; {process} has the role but has not answered: is it stopped, or connected to another process?"
+            )?;
         }
         if !self.domains.is_empty() {
             write!(f, "; one runs in the domain {}", self.domains.join(", "))?;

@@ -43,6 +43,13 @@ impl Session {
         sessions(domain).next()
     }
 
+    /// Returns whether its names are those of a session in `domain`.
+    pub(crate) fn is_in(&self, domain: &Domain) -> bool {
+        self.prefix.starts_with(domain.prefix())
+            && self.folder.parent() == Some(domain.root())
+            && self.folder.is_dir()
+    }
+
     fn named(domain: &Domain, id: &str) -> Self {
         let folder = domain.root().join(format!("{FOLDER_PREFIX}{id}"));
         Self { prefix: format!("{}{id}.", domain.prefix()), folder }
@@ -74,6 +81,10 @@ mod tests {
         let second = Session::begin(&domain).unwrap();
         assert_ne!(first, second);
         assert_eq!(Session::current(&domain).as_ref(), Some(&second));
+        assert!(second.is_in(&domain) && !first.is_in(&domain), "it is not there any more");
+        let elsewhere = Session { folder: dir.path().to_owned(), ..second.clone() };
+        assert!(!elsewhere.is_in(&domain));
+        assert!(!Session { prefix: "iox2_".to_owned(), ..second.clone() }.is_in(&domain));
         assert!(!memory(&first.prefix).exists() && !first.folder.exists());
         assert!(memory(domain.prefix()).exists() && domain.root().join("leg.role").exists());
     }

@@ -32,16 +32,15 @@ pub fn supervise_peer<Out: Message, In: Message, F: FnMut(&PeerEvent) + Send>(
                 match event {
                     PeerEvent::Lost(cause) => lost = Some((Instant::now(), cause)),
                     PeerEvent::Connected(_) => lost = None,
-                    PeerEvent::Rejected(_) => (),
+                    PeerEvent::Rejected(_) | PeerEvent::Failed(_) => (),
                 }
             }
             // No peer is connected, and none can connect any more.
-            Err(error @ ConnectError::Domain(_)) => {
-                let _ = result.set(error.into());
+            Err(error) => {
+                let _ = result.set(ConnectError::from(error).into());
                 stop.raise();
             }
-            // After another error, the next call retries.
-            Ok(None) | Err(_) => (),
+            Ok(None) => (),
         }
         if let (Some((since, cause)), Some(timeout)) = (&lost, timeout)
             && since.elapsed() >= timeout

@@ -17,6 +17,8 @@ pub struct MissingPeer {
     pub waited: Duration,
     /// The parameters that it must agree on.
     pub params: SessionParams,
+    /// Why the last try to connect to one failed.
+    pub failure: Option<String>,
     /// Where it was looked for, and where else one runs.
     pub whereabouts: Whereabouts,
 }
@@ -30,7 +32,8 @@ impl Display for MissingPeer {
             self.domain,
             self.waited.as_secs_f64(),
             self.whereabouts
-        )
+        )?;
+        self.failure.as_ref().map_or(Ok(()), |cause| write!(f, "; the last try failed: {cause}"))
     }
 }
 

@@ -93,6 +93,7 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
             domain: self.monitor.domain().name().to_owned(),
             waited: Duration::ZERO,
             params: self.monitor.params(),
+            failure: None,
             whereabouts: Whereabouts::default(),
         };
         let mut looked = Duration::ZERO;
@@ -100,6 +101,7 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
             match self.monitor.update()? {
                 Some(PeerEvent::Connected(peer)) => return Ok(peer),
                 Some(PeerEvent::Rejected(cause)) => return Err(cause),
+                Some(PeerEvent::Failed(cause)) => missing.failure = Some(cause.to_string()),
                 Some(PeerEvent::Lost(_)) | None => (),
             }
             if let Some(peer) = self.monitor.peer() {
@@ -113,6 +115,9 @@ impl<Out: Message, In: Message> ShmLink<Out, In> {
                 timeout.map_or(CHECK_INTERVAL, |timeout| timeout.saturating_sub(missing.waited));
             if left.is_zero() || missing.waited >= looked + LOOK_INTERVAL {
                 missing.whereabouts = Whereabouts::of(In::SENDER, self.monitor.domain().root());
+                if self.monitor.is_rejecting() {
+                    missing.whereabouts.silent = None;
+                }
                 looked = missing.waited;
             }
             if left.is_zero() || !keep_waiting(&missing) {

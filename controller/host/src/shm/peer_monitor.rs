@@ -6,18 +6,26 @@
 
 use std::error::Error;
 use std::fmt::Display;
+use std::fs;
 use std::io::ErrorKind;
 use std::os::unix::net::UnixListener;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 
 use super::error::{ConnectError, disagreement, failed};
 use super::hello::{Channel, Hello, Line, SOCKET};
 use super::payload::Message;
 use super::service::Ports;
-use crate::discovery::{Domain, RoleLock, Session, holder};
+use crate::discovery::{Domain, DomainError, RoleLock, Session, holder};
 use crate::link::{LinkError, Peer, PeerStatus, Role, SessionParams};
 use crate::socket::{SocketFile, connect};
+
+/// Time after which the same rejection or failure is reported again.
+const REPEAT_AFTER: Duration = Duration::from_secs(1);
+
+/// Connections that one update takes from the queue of the socket, at most.
+const QUEUE: u32 = 256;
 
 /// A change of the peer that an update has detected.
 #[derive(Debug)]
@@ -30,6 +38,9 @@ pub enum PeerEvent {
     /// A process has connected but disagrees on the session parameters. Reported once for
     /// each process.
     Rejected(ConnectError),
+    /// A connection failed, for example because the peer ended meanwhile or memory ran out;
+    /// the next updates try again.
+    Failed(ConnectError),
 }
 
 /// What is known about the peer.
@@ -51,6 +62,8 @@ struct MonitorState<Out: Message, In: Message> {
     peer: PeerState<Out, In>,
     /// How the last peer was lost, until another is connected.
     lost: Option<LinkError>,
+    /// The last rejection or failure, and when it was reported.
+    reported: Option<(String, Instant)>,
 }
 
 /// Monitors the peer of a link: for a link whose loop must not block, call
@@ -87,7 +100,10 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
             return Err(ConnectError::RoleTaken { role: own, pid, domain: domain.name().into() });
         };
         let listen = || {
-            let (file, listener) = SocketFile::bind(&domain.root().join(SOCKET))?;
+            let path = domain.root().join(SOCKET);
+            // This process has the role, so whatever is there is a predecessor's.
+            let _ = fs::remove_file(&path);
+            let (file, listener) = SocketFile::bind(&path)?;
             listener.set_nonblocking(true)?;
             Ok::<_, Box<dyn Error>>((file, listener))
         };
@@ -96,7 +112,7 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
             .transpose()
             .map_err(|cause| failed(domain, "listen for a leg", &cause))?;
         Ok(Self {
-            state: Mutex::new(MonitorState { peer: PeerState::Absent, lost: None }),
+            state: Mutex::new(MonitorState { peer: PeerState::Absent, lost: None, reported: None }),
             ports: Mutex::new(None),
             has_new_ports: AtomicBool::new(false),
             connections: AtomicU64::new(0),
@@ -123,6 +139,11 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
             PeerState::Connected(_, peer) => Some(*peer),
             _ => None,
         }
+    }
+
+    /// Returns whether a process has connected that was rejected.
+    pub(super) fn is_rejecting(&self) -> bool {
+        matches!(lock(&self.state).peer, PeerState::Rejected(_))
     }
 
     /// Returns the connected peer's process and how often peers connected and were
@@ -156,33 +177,48 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
     /// that is stopped (SIGSTOP) stays connected.
     ///
     /// # Errors
-    /// Returns [`ConnectError`] when the system fails; a later call may succeed.
-    pub fn update(&self) -> Result<Option<PeerEvent>, ConnectError> {
+    /// Returns [`DomainError::Removed`] when no peer is connected and none can connect any more.
+    pub fn update(&self) -> Result<Option<PeerEvent>, DomainError> {
         let mut state = lock(&self.state);
         if let Some(channel) = self.call(&state.peer)? {
             state.peer = PeerState::Greeted(channel);
         }
-        let (next, event) = match std::mem::replace(&mut state.peer, PeerState::Absent) {
-            PeerState::Greeted(channel) => self.greet(channel)?,
-            PeerState::Preparing(channel, peer, ports) => self.prepare(channel, peer, ports)?,
-            PeerState::Connected(channel, peer) => self.watch(channel, peer),
+        let step = match std::mem::replace(&mut state.peer, PeerState::Absent) {
+            PeerState::Greeted(channel) => self.greet(channel),
+            PeerState::Preparing(channel, peer, ports) => self.prepare(channel, peer, ports),
+            PeerState::Connected(channel, peer) => Ok(self.watch(channel, peer)),
             PeerState::Rejected(mut channel) => match channel.next() {
-                Ok(None) => (PeerState::Rejected(channel), None),
-                _ => (PeerState::Absent, None),
+                Ok(None) => Ok((PeerState::Rejected(channel), None)),
+                _ => Ok((PeerState::Absent, None)),
             },
-            PeerState::Absent => (PeerState::Absent, None),
+            PeerState::Absent => Ok((PeerState::Absent, None)),
         };
+        let (next, event) = step.unwrap_or_else(|cause| {
+            // iceoryx2 names no cause that helps if there is no room.
+            let cause = self.domain.check_room().map_or_else(ConnectError::from, |()| cause);
+            (PeerState::Absent, Some(PeerEvent::Failed(cause)))
+        });
         state.peer = next;
         match &event {
-            Some(PeerEvent::Connected(_)) => state.lost = None,
+            Some(PeerEvent::Connected(_)) => (state.lost, state.reported) = (None, None),
             Some(PeerEvent::Lost(cause)) => state.lost = Some(cause.clone()),
-            Some(PeerEvent::Rejected(_)) | None => (),
+            Some(PeerEvent::Rejected(cause) | PeerEvent::Failed(cause)) => {
+                let (text, now) = (cause.to_string(), Instant::now());
+                let is_repeated = |(last, at): &(String, Instant)| {
+                    *last == text && now.duration_since(*at) < REPEAT_AFTER
+                };
+                if state.reported.as_ref().is_some_and(is_repeated) {
+                    return Ok(None);
+                }
+                state.reported = Some((text, now));
+            }
+            None => (),
         }
         Ok(event)
     }
 
     /// Connects to a controller, or accepts a leg, if there is one.
-    fn call(&self, last: &PeerState<Out, In>) -> Result<Option<Channel>, ConnectError> {
+    fn call(&self, last: &PeerState<Out, In>) -> Result<Option<Channel>, DomainError> {
         // A leg that has the role replaces a process that is silent or was rejected.
         let may_connect = match last {
             PeerState::Absent => true,
@@ -195,7 +231,12 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
         // Nobody can connect any more without the folder; a connected peer needs it no longer.
         self.domain.check()?;
         let socket = match &self.listener {
-            Some((_, listener)) => listener.accept().map(|(socket, _)| socket),
+            // The newest counts: those before it may be of processes that are gone.
+            Some((_, listener)) => (0..QUEUE)
+                .map_while(|_| listener.accept().ok())
+                .last()
+                .map(|(socket, _)| socket)
+                .ok_or_else(|| ErrorKind::WouldBlock.into()),
             None => connect(&self.domain.root().join(SOCKET)),
         };
         // Whatever failed, the next update tries again.
@@ -236,8 +277,8 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
             Some(_) => Some(Session::begin(&self.domain)?),
             None => hello.session,
         };
-        let Some(session) = session else {
-            return Ok(reject(channel, not_understood(&"it names no session")));
+        let Some(session) = session.filter(|session| session.is_in(&self.domain)) else {
+            return Ok(reject(channel, not_understood(&"it names no session of this domain")));
         };
         let ports = Ports::create(&session)
             .map_err(|cause| self.failed("create the shared memory", &cause))?;

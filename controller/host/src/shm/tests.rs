@@ -9,7 +9,7 @@ use leg_process::Stop;
 
 use super::error::disagreement;
 use super::hello::{Channel, Hello, Line, SOCKET};
-use super::service::Ports;
+use super::service::{Ports, node};
 use super::*;
 use crate::discovery::{Domain, Session};
 use crate::link::{Role, SessionParams, TimeMode};
@@ -186,6 +186,34 @@ fn a_peer_that_ends_while_it_connects_is_forgotten() {
     });
 }
 
+/// Regression: a controller that ended while the leg opened the memory ended the leg's run.
+#[test]
+fn a_leg_whose_try_to_connect_failed_tries_again_and_names_the_cause() {
+    let dir = tempfile::tempdir().unwrap();
+    let domain = domain(&dir);
+    let params = SessionParams::at(1000);
+    let mut leg = ShmLeg::open(&domain, params, &Stop::default()).unwrap();
+    let monitor = leg.monitor();
+    let (file, listener) = SocketFile::bind(&domain.root().join(SOCKET)).unwrap();
+    let session = Session::begin(&domain).unwrap();
+    // Memory that no leg can open.
+    let node = node(&session, "other").unwrap();
+    let name = "leg/samples".try_into().unwrap();
+    let _other = node.service_builder(&name).publish_subscribe::<u64>().create().unwrap();
+    assert!(monitor.update().unwrap().is_none());
+    let controller = Channel::new(listener.accept().unwrap().0).unwrap();
+    controller.send(&Line::Hello(Hello { pid: 7, params, session: Some(session) }));
+    let event = monitor.update().unwrap();
+    assert!(matches!(&event, Some(PeerEvent::Failed(_))), "{event:?}");
+    drop((file, listener, controller));
+    std::thread::scope(|scope| {
+        let controller =
+            scope.spawn(|| ShmController::connect(&domain, params, LONG, &Stop::default()));
+        leg.wait_for_peer(Some(LONG), |_| true).unwrap();
+        drop(controller.join().unwrap().unwrap());
+    });
+}
+
 #[test]
 fn a_stranger_that_sends_nothing_or_is_rejected_keeps_no_leg_from_connecting() {
     let dir = tempfile::tempdir().unwrap();
@@ -200,6 +228,13 @@ fn a_stranger_that_sends_nothing_or_is_rejected_keeps_no_leg_from_connecting() {
     rejected.write_all(b"7\n").unwrap();
     assert!(matches!(monitor.update().unwrap(), Some(PeerEvent::Rejected(_))));
     assert!(monitor.update().unwrap().is_none(), "reported once");
+    // Many strangers do not fill the log, nor keep the leg waiting for long.
+    let mut many: Vec<_> = (0..100).map(|_| stranger()).collect();
+    for stranger in &mut many {
+        stranger.write_all(b"7\n").unwrap();
+    }
+    let reports = (0..100).filter(|_| monitor.update().unwrap().is_some()).count();
+    assert!(reports < 10, "{reports}: at most one a second");
     std::thread::scope(|scope| {
         let leg = scope.spawn(|| ShmLeg::connect(&domain, params, LONG, &Stop::default()));
         controller.wait_for_peer(Some(LONG), |_| true).unwrap();
@@ -220,7 +255,7 @@ fn a_peer_that_does_not_answer_is_named() {
     let _stopped = ShmController::open(&domain, params, &Stop::default()).unwrap();
     let message =
         ShmLeg::connect(&domain, params, SHORT, &Stop::default()).unwrap_err().to_string();
-    let expected = format!("process {} holds the role and does not answer", std::process::id());
+    let expected = format!("process {} has the role but has not answered", std::process::id());
     assert!(message.contains(&expected), "{message}");
 }
 
