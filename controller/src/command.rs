@@ -33,9 +33,10 @@ impl LegCommand {
     #[must_use]
     pub fn is_valid(&self) -> bool {
         // A NaN is in no range.
-        (0.0..=core::f32::consts::PI).contains(&self.leg_angle_rad)
+        let is_within = |x: f32, most: f32| 0.0 <= x && x <= most;
+        is_within(self.leg_angle_rad, core::f32::consts::PI)
             && self.elongation_m.abs() <= f32::MAX
-            && (0.0..=f32::MAX).contains(&self.elongation_rate_m_s)
+            && is_within(self.elongation_rate_m_s, f32::MAX)
     }
 }
 

@@ -2,20 +2,29 @@
 
 use crate::actor::Observation;
 use crate::command::{LegCommand, Output, Status, Telemetry};
-use crate::config::Config;
+use crate::config::{Config, Estimation};
 use crate::gait::{Apex, Gait};
 use crate::guard::{Counts, Guard, InRange, Limits, Reject, Trusted, Verdict};
+use crate::math::clamp;
 use crate::measurement::Measurement;
 use crate::medium::DensityEstimator;
 use crate::policy::Policy;
 use crate::velocity::{Cascade, gains_at};
+use estimated::Tracked;
+
+#[cfg(feature = "estimator")]
+mod estimated;
+#[cfg(not(feature = "estimator"))]
+#[path = "control/read.rs"]
+mod estimated;
 
 /// Measurements in flight from which a leg that starts, or restarts, in mid-air first
 /// estimates the density: 8 ms at 1 kHz, a small part of any fall, and enough for a
 /// hundredth of density even in f32.
 const START_MEASUREMENTS: usize = 8;
 
-/// The whole controller: guard, gait, density estimate, cascade, actor.
+/// The whole controller: guard, gait, density estimate, cascade, actor; with an estimator
+/// of the state between guard and gait where [`Config::estimation`] asks for one.
 ///
 /// It knows time only by the measurements' stamps and the fixed tick, so the same
 /// object runs on a microcontroller and in the host process; the trainer evaluates with
@@ -28,6 +37,8 @@ pub struct Controller<'a> {
     gait: Gait,
     estimator: DensityEstimator,
     cascade: Cascade,
+    /// The state estimator; none where the readings are the state.
+    tracked: Option<Tracked>,
     telemetry: Telemetry,
     command: LegCommand,
     set_point_m_s: f32,
@@ -42,7 +53,8 @@ impl<'a> Controller<'a> {
         Self {
             cascade: Cascade::new(),
             gait: Self::gait(&policy),
-            guard: Guard::new(config.limits(), config.tick_ns()),
+            guard: Guard::new(config.limits(), config.tick_ns(), config.stale_limit_ns()),
+            tracked: Tracked::new(&policy, &config),
             estimator: DensityEstimator::new(),
             telemetry: Telemetry::default(),
             command: LegCommand::SAFE,
@@ -58,9 +70,10 @@ impl<'a> Controller<'a> {
     pub fn restart(&mut self, config: Config) {
         self.take_next();
         self.config = config;
-        self.guard = Guard::new(config.limits(), config.tick_ns());
+        self.guard = Guard::new(config.limits(), config.tick_ns(), config.stale_limit_ns());
         self.command = LegCommand::SAFE;
         self.set_point_m_s = 0.0;
+        self.begin_estimate();
         self.forget();
     }
 
@@ -131,15 +144,29 @@ impl<'a> Controller<'a> {
     #[inline]
     pub fn step(&mut self, measurement: Option<&Measurement>, set_point_m_s: f32) -> Output {
         let checked = match measurement {
-            Some(measurement) => self.limits().check(measurement),
+            Some(measurement) => self.check(measurement),
             None => Err(Reject::Missing),
         };
         let (status, rejected) = self.step_checked(checked, set_point_m_s);
         Output { command: self.command, status, rejected, telemetry: self.telemetry }
     }
 
+    /// Checks the values of a measurement: all of them ([`Limits::check`]), or with an
+    /// estimator each by itself ([`Limits::check_channels`]).
+    ///
+    /// # Errors
+    /// [`Reject::NonFinite`] or [`Reject::OutOfRange`].
+    #[inline]
+    pub fn check<'m>(&self, measurement: &'m Measurement) -> Result<InRange<'m>, Reject> {
+        match self.config.estimation() {
+            Estimation::Readings => self.limits().check(measurement),
+            #[cfg(feature = "estimator")]
+            Estimation::StateChannels(_) => self.limits().check_channels(measurement),
+        }
+    }
+
     /// Runs one tick as [`Self::step`] does, with a measurement whose values have been
-    /// checked by [`Limits::check`], or the reason why there is none: for adapters of a
+    /// checked by [`Self::check`], or the reason why there is none: for adapters of a
     /// message format, which reject messages for reasons of their own. Returns the status,
     /// and why the measurement was not used; [`Self::command`] and [`Self::telemetry`]
     /// return the rest, which is then not copied.
@@ -149,24 +176,30 @@ impl<'a> Controller<'a> {
         set_point_m_s: f32,
     ) -> (Status, Option<Reject>) {
         self.take_set_point(set_point_m_s);
-        match self.guard.judge(measurement) {
-            Verdict::Use(measurement) => (self.advance(measurement), None),
-            Verdict::Restart(measurement) => {
-                self.take_next();
-                self.forget();
-                (self.advance(measurement), None)
-            }
+        let (measurement, restarts) = match self.guard.judge(measurement) {
+            Verdict::Use(measurement) => (measurement, false),
+            Verdict::Restart(measurement) => (measurement, true),
             Verdict::Coast(reject) => {
                 self.coast();
-                (self.checked(Status::Coasting), Some(reject))
+                return (self.checked(Status::Coasting), Some(reject));
             }
             Verdict::Safe(reject) => {
                 self.take_next();
                 self.gait = Self::gait(&self.policy);
                 self.command = LegCommand::SAFE;
-                (Status::Safe, reject)
+                return (Status::Safe, reject);
             }
+        };
+        if restarts {
+            self.take_next();
+            self.forget();
         }
+        let status = if self.tracked.is_some() {
+            self.advance_estimated(measurement)
+        } else {
+            self.advance(measurement)
+        };
+        (status, None)
     }
 
     /// Returns what the leg does until the next tick. Always finite and in range.
@@ -194,11 +227,13 @@ impl<'a> Controller<'a> {
         let manifest = policy.manifest();
         self.gait.set_lengths(manifest.leg.rest_length_m, manifest.leg.max_elongation_m);
         self.policy = policy;
+        self.set_leg_of_estimate();
     }
 
     fn forget(&mut self) {
         self.gait = Self::gait(&self.policy);
         self.estimator.clear();
+        self.forget_estimate();
         self.cascade.reset();
         self.telemetry = Telemetry::default();
     }
@@ -212,6 +247,8 @@ impl<'a> Controller<'a> {
         }
     }
 
+    /// Runs a tick with a measurement, by its readings. Inlined at its only call.
+    #[inline]
     fn advance(&mut self, measurement: Trusted<'_>) -> Status {
         let passed = self.gait.update(measurement);
         let m = measurement.measurement();
@@ -275,11 +312,6 @@ impl<'a> Controller<'a> {
         self.command = LegCommand::SAFE;
         Status::Safe
     }
-}
-
-/// Clamps to a range, m or any unit; a NaN becomes the lowest value.
-fn clamp(x: f32, [low, high]: [f32; 2]) -> f32 {
-    if x > low { if x < high { x } else { high } } else { low }
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! The gait, tick by tick: where in the hop the leg is, and what it does there.
 //!
 //! From measurements it finds touchdown, lift-off and the apex (each located between
-//! ticks), and it turns the action of the last apex into the leg's angle and
-//! elongation at every tick:
+//! ticks), or it follows an estimator that does ([`crate::estimator`]); and it turns the
+//! action of the last apex into the leg's angle and elongation at every tick:
 //!
 //! - in flight the leg is held at the touchdown angle, unextended; the ramp of
 //!   the elongation is armed to pass zero at the predicted touchdown, so that it
@@ -12,20 +12,17 @@
 
 use crate::actor::Action;
 use crate::command::{LegCommand, UPRIGHT_RAD};
+#[cfg(feature = "estimator")]
+use crate::estimator::Edge;
 use crate::geometry::{foot_to_mass, leg_angle_rad};
 use crate::guard::Trusted;
+use crate::math::sqrt;
 use crate::measurement::{Contact, Measurement};
 use nalgebra::Vector2;
 
-// The same bits from both: IEEE 754 defines the square root to the last bit.
-#[cfg(all(feature = "m4f-asm", target_arch = "arm", target_abi = "eabihf"))]
-use leg_kernel_m4f::sqrt;
-#[cfg(not(all(feature = "m4f-asm", target_arch = "arm", target_abi = "eabihf")))]
-use libm::sqrtf as sqrt;
-
 /// A leg counts as loaded when it is shorter than its rest length by more than
 /// this part of it: above the noise of a length sensor, below any real load.
-const LENGTH_TOLERANCE: f32 = 1e-4;
+pub(crate) const LENGTH_TOLERANCE: f32 = 1e-4;
 
 /// State at an apex, located between two measurements.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,8 +93,29 @@ pub struct Gait {
     now: Option<Motion>,
     /// Vertical acceleration between the last two measurements in flight, m/s2.
     vertical_accel_m_s2: f32,
-    /// Time from the last measurement to the predicted touchdown, s.
+    /// Time from the last measurement to the predicted touchdown, s; below 0 where the
+    /// foot is thought to have landed.
     time_to_touchdown_s: Option<f32>,
+    /// Time of the touchdown that is suspected, ns; only from an estimator.
+    landed_ns: Option<u64>,
+    /// The motion is that of an estimator.
+    is_estimated: bool,
+}
+
+/// What an estimator says at a measurement: velocities, m/s, height, m, and the vertical
+/// acceleration in flight, m/s2.
+#[cfg(feature = "estimator")]
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Followed {
+    pub(crate) t_ns: u64,
+    pub(crate) vx_m_s: f32,
+    pub(crate) y_m: f32,
+    pub(crate) vy_m_s: f32,
+    pub(crate) ay_m_s2: f32,
+    /// A change of the phase.
+    pub(crate) edge: Option<Edge>,
+    /// A touchdown that is suspected, not proven.
+    pub(crate) suspected: Option<Edge>,
 }
 
 impl Gait {
@@ -112,6 +130,8 @@ impl Gait {
             now: None,
             vertical_accel_m_s2: 0.0,
             time_to_touchdown_s: None,
+            landed_ns: None,
+            is_estimated: false,
         }
     }
 
@@ -145,7 +165,7 @@ impl Gait {
         let now = Motion::of(measurement);
         let before = self.now.replace(now);
         let was_in_flight = self.in_flight();
-        let contact = self.is_loaded(measurement);
+        let contact = self.is_loaded(measurement, LENGTH_TOLERANCE * self.rest_length_m);
         match (self.phase, contact) {
             (Phase::Flight, true) => self.touch_down(now, before),
             (Phase::Stance { .. }, false) => self.phase = Phase::Flight,
@@ -162,6 +182,63 @@ impl Gait {
         apex_between(before, now)
     }
 
+    /// Takes what an estimator says at a measurement, in place of [`Self::update`].
+    #[cfg(feature = "estimator")]
+    pub(crate) fn follow(&mut self, followed: &Followed) {
+        let &Followed { t_ns, vx_m_s, y_m, vy_m_s, ay_m_s2, edge, suspected } = followed;
+        let now = Motion { t_ns, vx_m_s, y_m, vy_m_s };
+        let before = self.now.replace(now);
+        self.vertical_accel_m_s2 = ay_m_s2;
+        self.is_estimated = true;
+        match (edge, suspected) {
+            (Some(edge), _) => return self.change_phase(edge, false, now, before),
+            (None, Some(edge)) => return self.change_phase(edge, true, now, before),
+            (None, None) => (),
+        }
+        self.landed_ns = None;
+        if let (Phase::Stance { .. }, Some(before)) = (self.phase, before) {
+            self.pivot(now, before);
+        }
+    }
+
+    /// Changes the phase, or notes that it may have changed. Not inlined: an ordinary tick
+    /// does not call it.
+    #[cfg(feature = "estimator")]
+    #[inline(never)]
+    fn change_phase(
+        &mut self,
+        edge: Edge,
+        is_suspected: bool,
+        now: Motion,
+        before: Option<Motion>,
+    ) {
+        if !edge.in_stance {
+            self.phase = Phase::Flight;
+            return;
+        }
+        // Between the readings by which the foot has landed, where it was predicted.
+        let landed_ns = self.landed_ns.unwrap_or_else(|| {
+            let predicted_ns = before.zip(self.time_to_touchdown_s).map(|(before, time_s)| {
+                // Within 4 s: 32 bits are enough, and need no software.
+                let time_s = if time_s < 4.0 { time_s } else { 4.0 };
+                before.t_ns.saturating_add(u64::from((1e9 * time_s) as u32))
+            });
+            predicted_ns.unwrap_or(edge.until_ns).max(edge.after_ns).min(edge.until_ns)
+        });
+        if is_suspected {
+            self.landed_ns = Some(landed_ns);
+        } else {
+            self.landed_ns = None;
+            self.stand(landed_ns, seconds_between(landed_ns, now.t_ns), now);
+        }
+    }
+
+    /// Returns the height of the mass at which the foot touches flat ground, m.
+    #[cfg(feature = "estimator")]
+    pub(crate) fn touchdown_y_m(&self) -> f32 {
+        self.plan.map_or(self.rest_length_m, |plan| plan.touchdown.y)
+    }
+
     /// Returns what the leg does from the last measurement to the next.
     pub fn command(&mut self) -> LegCommand {
         self.time_to_touchdown_s = None;
@@ -170,10 +247,13 @@ impl Gait {
         };
         match self.phase {
             Phase::Flight => {
-                self.time_to_touchdown_s = self.predict_touchdown(now, plan.touchdown.y);
+                self.time_to_touchdown_s = match self.landed_ns {
+                    Some(landed_ns) => Some(-seconds_between(landed_ns, now.t_ns)),
+                    None => self.predict_touchdown(now, plan.touchdown.y),
+                };
                 let rate = plan.action.elongation_speed_m_s;
                 let (elongation_m, elongation_rate_m_s) =
-                    self.time_to_touchdown_s.map_or((0.0, 0.0), |s| (-rate * s, rate));
+                    self.time_to_touchdown_s.map_or((0.0, 0.0), |s| self.ramp(-rate * s, rate));
                 LegCommand {
                     leg_angle_rad: plan.action.touchdown_angle_rad,
                     elongation_m,
@@ -183,14 +263,19 @@ impl Gait {
             Phase::Stance { touchdown_ns, elongation_speed_m_s, from_foot_m } => {
                 let since_s = seconds_between(touchdown_ns, now.t_ns);
                 let grown_m = elongation_speed_m_s * since_s;
-                let (elongation_m, elongation_rate_m_s) = if grown_m < self.max_elongation_m {
-                    (grown_m, elongation_speed_m_s)
-                } else {
-                    (self.max_elongation_m, 0.0)
-                };
+                let (elongation_m, elongation_rate_m_s) = self.ramp(grown_m, elongation_speed_m_s);
                 let leg_angle_rad = leg_angle_rad(Vector2::new(from_foot_m, now.y_m));
                 LegCommand { leg_angle_rad, elongation_m, elongation_rate_m_s }
             }
+        }
+    }
+
+    /// Returns elongation, m, and rate, m/s, of a ramp that has grown to `grown_m`.
+    fn ramp(&self, grown_m: f32, rate_m_s: f32) -> (f32, f32) {
+        if grown_m < self.max_elongation_m {
+            (grown_m, rate_m_s)
+        } else {
+            (self.max_elongation_m, 0.0)
         }
     }
 
@@ -207,7 +292,9 @@ impl Gait {
         Some(Apex { vx_m_s: now.vx_m_s, y_m: now.y_m + fallen_m })
     }
 
-    fn is_loaded(&self, measurement: &Measurement) -> bool {
+    /// Returns whether a measurement shows a loaded foot: where it has the leg length only,
+    /// a leg that is shorter than its rest length by more than `tolerance_m`.
+    pub(crate) fn is_loaded(&self, measurement: &Measurement, tolerance_m: f32) -> bool {
         let length_m = match measurement.contact {
             Contact::Sensed(is_loaded) => return is_loaded,
             Contact::LegLength(length_m) => length_m,
@@ -221,7 +308,7 @@ impl Gait {
             }
         };
         let rest_m = self.rest_length_m + elongation_m;
-        length_m < rest_m - LENGTH_TOLERANCE * self.rest_length_m
+        length_m < rest_m - tolerance_m
     }
 
     fn touch_down(&mut self, now: Motion, before: Option<Motion>) {
@@ -233,13 +320,19 @@ impl Gait {
                 _ => 0.0,
             }
         });
+        // At most the longest gap, 1 s: 32 bits are enough, and need no software.
+        let touchdown_ns = now.t_ns.saturating_sub(u64::from((1e9 * since_s) as u32));
+        self.stand(touchdown_ns, since_s, now);
+    }
+
+    /// Begins a stance, `since_s` after its touchdown.
+    fn stand(&mut self, touchdown_ns: u64, since_s: f32, now: Motion) {
         let (touchdown, elongation_speed_m_s) = match self.plan {
             Some(plan) => (plan.touchdown, plan.action.elongation_speed_m_s),
             None => (foot_to_mass(self.rest_length_m, UPRIGHT_RAD), 0.0),
         };
         self.phase = Phase::Stance {
-            // At most the longest gap, 1 s: 32 bits are enough, and need no software.
-            touchdown_ns: now.t_ns.saturating_sub(u64::from((1e9 * since_s) as u32)),
+            touchdown_ns,
             elongation_speed_m_s,
             from_foot_m: touchdown.x + now.vx_m_s * since_s,
         };
@@ -253,14 +346,17 @@ impl Gait {
         }
     }
 
-    /// Returns the seconds until the falling mass reaches the touchdown height, if it ever
-    /// does: the root of `h + vy s + a s^2 / 2`, in the form without cancellation.
+    /// Returns the seconds until the mass falls to the touchdown height, if it ever does: the
+    /// root of `h + vy s + a s^2 / 2`, in the form without cancellation. From readings none
+    /// while the mass rises; from an estimate then too, so that the ramp is armed in time
+    /// over a slow link.
     fn predict_touchdown(&self, now: Motion, touchdown_y_m: f32) -> Option<f32> {
-        if now.vy_m_s > 0.0 {
+        let rises = now.vy_m_s > 0.0;
+        if rises && !self.is_estimated {
             return None;
         }
         let h = now.y_m - touchdown_y_m;
-        if h <= 0.0 {
+        if h <= 0.0 && !rises {
             return Some(0.0);
         }
         let discriminant = now.vy_m_s * now.vy_m_s - 2.0 * self.vertical_accel_m_s2 * h;
@@ -268,7 +364,8 @@ impl Gait {
             return None;
         }
         let s = 2.0 * h / (sqrt(discriminant) - now.vy_m_s);
-        s.is_finite().then_some(s)
+        // Below 0: behind, where the medium carries the mass.
+        (0.0..=f32::MAX).contains(&s).then_some(s)
     }
 }
 

@@ -3,17 +3,23 @@
 //!
 //! A measurement is used only if it is finite, in range, and later than the last one.
 //! Rejected ones are counted by reason. One tick without a usable measurement is bridged
-//! by continuing the last command ([`Verdict::Coast`]); after [`SAFE_AFTER_NS`] in a row
-//! the leg gets the safe command ([`Verdict::Safe`]) until
-//! [`Limits::recover_after_ticks`] good measurements have come in a row. In the safe
-//! state the guard forgets the time of the last measurement, so that no single corrupt
-//! time stamp can lock the true ones out.
+//! by continuing the last command ([`Verdict::Coast`]); after the stale limit, 10 ms unless
+//! configured otherwise, the leg gets the safe command ([`Verdict::Safe`]) until
+//! [`Limits::recover_after_ticks`] good measurements have come, with no bad one and less
+//! than the stale limit between them. In the safe state the guard forgets the time of the
+//! last measurement, so that no single corrupt time stamp can lock the true ones out.
+//!
+//! Without an estimator one bad reading rejects its measurement ([`Limits::check`]); with
+//! one, only the reading ([`Limits::check_channels`]).
 
 use crate::measurement::{Contact, Measurement};
 
-/// Time without a usable measurement after which the leg gets the safe command, ns: a
-/// twentieth of a stance of the human-size leg. The one such constant: whoever holds a
+/// Default of the stale limit, ns: the time without a usable measurement after which the
+/// leg gets the safe command, a twentieth of a stance of the human-size leg. Whoever holds a
 /// command in place of the controller gives up after the same time.
+///
+/// A run of real links sets another one where messages come later or are lost
+/// ([`Config::with_stale_limit`](crate::config::Config::with_stale_limit)).
 pub const SAFE_AFTER_NS: u64 = 10_000_000;
 
 /// Fewest ticks of it: at low rates a single lost message is bridged all the same.
@@ -22,11 +28,17 @@ const FEWEST_SAFE_AFTER_TICKS: u32 = 3;
 /// Returns [`SAFE_AFTER_NS`] in ticks of `tick_ns`, at least 3: 10 at 1 kHz.
 #[must_use]
 pub const fn safe_after_ticks(tick_ns: u64) -> u32 {
-    if tick_ns == 0 || tick_ns > SAFE_AFTER_NS {
+    stale_after_ticks(SAFE_AFTER_NS, tick_ns)
+}
+
+/// Returns a stale limit, ns, at most 1 s, in ticks of `tick_ns`, at least 3.
+#[must_use]
+pub const fn stale_after_ticks(stale_ns: u64, tick_ns: u64) -> u32 {
+    if tick_ns == 0 || tick_ns > stale_ns {
         return FEWEST_SAFE_AFTER_TICKS;
     }
     // In 32 bits: a Cortex-M divides 64 in software, with 860 bytes of flash.
-    let ticks = (SAFE_AFTER_NS as u32 + tick_ns as u32 / 2) / tick_ns as u32;
+    let ticks = (stale_ns as u32 + tick_ns as u32 / 2) / tick_ns as u32;
     if ticks > FEWEST_SAFE_AFTER_TICKS { ticks } else { FEWEST_SAFE_AFTER_TICKS }
 }
 
@@ -49,7 +61,7 @@ pub struct Limits {
     pub density_ratio: [f32; 2],
     /// Longest time between two measurements, ns; at most 1 s.
     pub max_gap_ns: u64,
-    /// Good measurements in a row that end the safe state.
+    /// Good measurements, without a bad one between them, that end the safe state.
     pub recover_after_ticks: u32,
 }
 
@@ -96,7 +108,81 @@ impl Limits {
                 Contact::LegLength(length_m) => within(length_m, self.leg_length_m),
             }
             && density_ratio.is_none_or(|rho| within(rho, self.density_ratio));
-        if is_good { Ok(InRange(measurement)) } else { Err(reason(measurement)) }
+        if is_good { Ok(InRange(measurement, Channels::ALL)) } else { Err(reason(measurement)) }
+    }
+
+    /// Checks the readings of a measurement one by one, for an estimator that does without
+    /// those that are not usable. A height may then be as far below the ground as it may be
+    /// above it: noise is not to be cut off on one side.
+    ///
+    /// # Errors
+    /// [`Reject::NonFinite`] or [`Reject::OutOfRange`] where no velocity and no height is
+    /// usable.
+    #[inline]
+    pub fn check_channels<'m>(&self, measurement: &'m Measurement) -> Result<InRange<'m>, Reject> {
+        let &Measurement { vx_m_s, y_m, vy_m_s, contact, density_ratio, .. } = measurement;
+        let within = |x: f32, [low, high]: [f32; 2]| low <= x && x <= high;
+        let length_is_good = match contact {
+            Contact::Sensed(_) => true,
+            Contact::LegLength(length_m) => within(length_m, self.leg_length_m),
+        };
+        let usable = Channels::NONE
+            .with(Channels::VX, vx_m_s.abs() <= self.max_speed_m_s)
+            .with(Channels::Y, y_m.abs() <= self.height_m[1])
+            .with(Channels::VY, vy_m_s.abs() <= self.max_speed_m_s)
+            .with(Channels::CONTACT, length_is_good)
+            .with(
+                Channels::DENSITY,
+                density_ratio.is_none_or(|rho| within(rho, self.density_ratio)),
+            );
+        if usable.has_any_of(Channels::MOTION) {
+            Ok(InRange(measurement, usable))
+        } else {
+            Err(reason(measurement))
+        }
+    }
+}
+
+/// A set of the readings of a measurement.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Channels(u8);
+
+impl Channels {
+    /// No reading.
+    pub const NONE: Self = Self(0);
+    /// The horizontal velocity.
+    pub const VX: Self = Self(1);
+    /// The height.
+    pub const Y: Self = Self(1 << 1);
+    /// The vertical velocity.
+    pub const VY: Self = Self(1 << 2);
+    /// Contact, or the leg length that shows it.
+    pub const CONTACT: Self = Self(1 << 3);
+    /// The density ratio; also where it is not measured.
+    pub const DENSITY: Self = Self(1 << 4);
+    /// Velocities and height.
+    pub const MOTION: Self = Self((1 << 3) - 1);
+    /// Every reading.
+    pub const ALL: Self = Self((1 << 5) - 1);
+
+    fn with(self, channel: Self, is_usable: bool) -> Self {
+        if is_usable { self.union(channel) } else { self }
+    }
+
+    /// Returns the channels of this set and of `other`.
+    #[must_use]
+    pub fn union(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    /// Returns whether every channel of `other` is in this set.
+    #[must_use]
+    pub fn has(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    fn has_any_of(self, other: Self) -> bool {
+        self.0 & other.0 != 0
     }
 }
 
@@ -161,8 +247,12 @@ pub struct Counts {
     pub gap: u32,
     /// Times that the safe state was entered.
     pub safe_entered: u32,
+    /// Measurements of which only a part of the readings was used.
+    pub used_in_part: u32,
     /// Ticks whose set-point was refused; they count as used all the same.
     pub set_points_refused: u32,
+    /// Ticks that were rejected: the sum, at hand for every command.
+    rejected: u32,
 }
 
 impl Counts {
@@ -179,24 +269,33 @@ impl Counts {
             Reject::Gap => &mut self.gap,
         };
         *count = count.saturating_add(1);
+        self.rejected = self.rejected.saturating_add(1);
+    }
+
+    /// Returns these counts and those of another run, added.
+    #[must_use]
+    pub fn plus(&self, other: &Self) -> Self {
+        Self {
+            missing: self.missing.saturating_add(other.missing),
+            version: self.version.saturating_add(other.version),
+            non_finite: self.non_finite.saturating_add(other.non_finite),
+            out_of_range: self.out_of_range.saturating_add(other.out_of_range),
+            no_contact_sense: self.no_contact_sense.saturating_add(other.no_contact_sense),
+            old_run: self.old_run.saturating_add(other.old_run),
+            stale: self.stale.saturating_add(other.stale),
+            out_of_order: self.out_of_order.saturating_add(other.out_of_order),
+            gap: self.gap.saturating_add(other.gap),
+            safe_entered: self.safe_entered.saturating_add(other.safe_entered),
+            used_in_part: self.used_in_part.saturating_add(other.used_in_part),
+            set_points_refused: self.set_points_refused.saturating_add(other.set_points_refused),
+            rejected: self.rejected.saturating_add(other.rejected),
+        }
     }
 
     /// Returns the number of rejected ticks, whatever the reason.
     #[must_use]
     pub fn rejected(&self) -> u32 {
-        [
-            self.missing,
-            self.version,
-            self.non_finite,
-            self.out_of_range,
-            self.no_contact_sense,
-            self.old_run,
-            self.stale,
-            self.out_of_order,
-            self.gap,
-        ]
-        .into_iter()
-        .fold(0, u32::saturating_add)
+        self.rejected
     }
 
     /// Returns the name and the count of each reason, for tables.
@@ -218,13 +317,19 @@ impl Counts {
 
 /// A measurement whose values are finite and in range. Only [`Limits::check`] makes one.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct InRange<'m>(&'m Measurement);
+pub struct InRange<'m>(&'m Measurement, Channels);
 
 /// A measurement that has passed every check. Only the guard makes one.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Trusted<'m>(&'m Measurement);
+pub struct Trusted<'m>(&'m Measurement, Channels);
 
 impl Trusted<'_> {
+    /// Returns the readings that are usable: all, unless they were checked one by one.
+    #[must_use]
+    pub fn usable(&self) -> Channels {
+        self.1
+    }
+
     /// Returns the measurement.
     #[must_use]
     pub fn measurement(&self) -> &Measurement {
@@ -250,8 +355,9 @@ pub enum Verdict<'m> {
 enum State {
     /// Good so far, or this many bad ticks in a row.
     Running { bad_ticks: u32 },
-    /// In the safe state, with this many good measurements in a row.
-    Safe { good_ticks: u32 },
+    /// In the safe state, with this many good measurements since the last bad one, and this
+    /// many ticks without any since the last good one.
+    Safe { good_ticks: u32, missing_ticks: u32 },
 }
 
 /// The guard and its memory.
@@ -271,16 +377,17 @@ pub struct Guard {
 }
 
 impl Guard {
-    /// Returns a guard that starts in the safe state and trusts the first good measurement.
-    /// It judges measurements that [`Limits::check`] of the same limits has checked.
+    /// Returns a guard that starts in the safe state and trusts the first good measurement,
+    /// and that gives up after `stale_ns` without one. It judges measurements that [`Limits::check`] of the same limits has checked.
     #[must_use]
-    pub fn new(limits: &Limits, tick_ns: u64) -> Self {
+    pub fn new(limits: &Limits, tick_ns: u64, stale_ns: u64) -> Self {
         let &Limits { max_gap_ns, recover_after_ticks, .. } = limits;
-        let state = State::Safe { good_ticks: recover_after_ticks.saturating_sub(1) };
+        let state =
+            State::Safe { good_ticks: recover_after_ticks.saturating_sub(1), missing_ticks: 0 };
         Self {
             max_gap_ns,
             recover_after_ticks,
-            safe_after_ticks: safe_after_ticks(tick_ns),
+            safe_after_ticks: stale_after_ticks(stale_ns, tick_ns),
             state,
             last_ns: None,
             run_is_new: false,
@@ -309,30 +416,33 @@ impl Guard {
     /// Judges the measurement of this tick, or why there is none.
     #[inline]
     pub fn judge<'m>(&mut self, measurement: Result<InRange<'m>, Reject>) -> Verdict<'m> {
-        match measurement.and_then(|InRange(m)| self.check_time(m.t_ns).map(|()| m)) {
-            Ok(measurement) => self.accept(measurement),
+        match measurement.and_then(|m| self.check_time(m.0.t_ns).map(|()| m)) {
+            Ok(InRange(measurement, usable)) => self.accept(Trusted(measurement, usable)),
             Err(reject) => self.reject(reject),
         }
     }
 
-    fn accept<'m>(&mut self, measurement: &'m Measurement) -> Verdict<'m> {
-        self.last_ns = Some(measurement.t_ns);
+    fn accept<'m>(&mut self, measurement: Trusted<'m>) -> Verdict<'m> {
+        self.last_ns = Some(measurement.0.t_ns);
         let run_is_new = core::mem::take(&mut self.run_is_new);
         if run_is_new {
             self.counts = Counts::default();
         }
+        if measurement.usable() != Channels::ALL {
+            self.counts.used_in_part = self.counts.used_in_part.saturating_add(1);
+        }
         match self.state {
-            State::Safe { good_ticks } if good_ticks + 1 < self.recover_after_ticks => {
-                self.state = State::Safe { good_ticks: good_ticks + 1 };
+            State::Safe { good_ticks, .. } if good_ticks + 1 < self.recover_after_ticks => {
+                self.state = State::Safe { good_ticks: good_ticks + 1, missing_ticks: 0 };
                 Verdict::Safe(None)
             }
             State::Running { .. } if !run_is_new => {
                 self.state = State::Running { bad_ticks: 0 };
-                Verdict::Use(Trusted(measurement))
+                Verdict::Use(measurement)
             }
             State::Running { .. } | State::Safe { .. } => {
                 self.state = State::Running { bad_ticks: 0 };
-                Verdict::Restart(Trusted(measurement))
+                Verdict::Restart(measurement)
             }
         }
     }
@@ -341,6 +451,13 @@ impl Guard {
         self.counts.add(reject);
         let bad_ticks = match self.state {
             State::Running { bad_ticks } => bad_ticks.saturating_add(1),
+            State::Safe { good_ticks, missing_ticks }
+                if reject == Reject::Missing && missing_ticks + 1 < self.safe_after_ticks =>
+            {
+                let missing_ticks = missing_ticks + 1;
+                self.state = State::Safe { good_ticks, missing_ticks };
+                return Verdict::Safe(Some(reject));
+            }
             State::Safe { .. } => self.safe_after_ticks,
         };
         if bad_ticks < self.safe_after_ticks {
@@ -350,7 +467,7 @@ impl Guard {
         if matches!(self.state, State::Running { .. }) {
             self.counts.safe_entered = self.counts.safe_entered.saturating_add(1);
         }
-        self.state = State::Safe { good_ticks: 0 };
+        self.state = State::Safe { good_ticks: 0, missing_ticks: 0 };
         self.last_ns = None;
         Verdict::Safe(Some(reject))
     }

@@ -18,10 +18,13 @@ pub mod checksum;
 pub mod command;
 pub mod config;
 pub mod control;
+#[cfg(feature = "estimator")]
+pub mod estimator;
 pub mod gait;
 mod geometry;
 pub mod guard;
 pub mod leg;
+mod math;
 pub mod measurement;
 pub mod medium;
 pub mod policy;

@@ -3,6 +3,8 @@
 use crate::command::Status;
 use crate::config::Config;
 use crate::control::Controller;
+#[cfg(feature = "estimator")]
+use crate::estimator::Estimate;
 use crate::guard::{Counts, Reject};
 use crate::policy::Policy;
 use crate::wire::{Command, Header, Sample, WIRE_VERSION};
@@ -60,6 +62,13 @@ impl<'a> WireController<'a> {
         self.controller.counts()
     }
 
+    /// Returns the estimate at the last sample; see [`Controller::estimate`].
+    #[cfg(feature = "estimator")]
+    #[must_use]
+    pub fn estimate(&self) -> Option<Estimate> {
+        self.controller.estimate()
+    }
+
     /// Runs one tick: takes the sample that came, or `None`; returns the command for it.
     ///
     /// The set-point is the sample's. The command carries the header of the last sample,
@@ -94,7 +103,7 @@ impl<'a> WireController<'a> {
             (Some(sample), _) if sample.header.version != WIRE_VERSION => Err(Reject::Version),
             (Some(_), None) => Err(Reject::NoContactSense),
             (Some(sample), Some(measurement)) => {
-                let in_range = self.controller.limits().check(measurement);
+                let in_range = self.controller.check(measurement);
                 in_range.and_then(|m| self.order.check(&sample.header).map(|()| m))
             }
         };

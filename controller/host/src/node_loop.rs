@@ -63,24 +63,11 @@ pub struct RunResult {
 impl RunResult {
     /// Adds the result of another run.
     pub fn add(&mut self, other: &Self) {
-        let (a, b) = (&self.counts, &other.counts);
         *self = Self {
             runs: self.runs + other.runs,
             ticks: self.ticks + other.ticks,
             apexes: self.apexes + other.apexes,
-            counts: Counts {
-                missing: a.missing.saturating_add(b.missing),
-                version: a.version.saturating_add(b.version),
-                non_finite: a.non_finite.saturating_add(b.non_finite),
-                out_of_range: a.out_of_range.saturating_add(b.out_of_range),
-                no_contact_sense: a.no_contact_sense.saturating_add(b.no_contact_sense),
-                old_run: a.old_run.saturating_add(b.old_run),
-                stale: a.stale.saturating_add(b.stale),
-                out_of_order: a.out_of_order.saturating_add(b.out_of_order),
-                gap: a.gap.saturating_add(b.gap),
-                safe_entered: a.safe_entered.saturating_add(b.safe_entered),
-                set_points_refused: a.set_points_refused.saturating_add(b.set_points_refused),
-            },
+            counts: self.counts.plus(&other.counts),
         };
     }
 }

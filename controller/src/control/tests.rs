@@ -2,7 +2,7 @@
 
 extern crate std;
 use super::*;
-use crate::config::Config;
+use crate::config::{Config, Estimation};
 use crate::measurement::Contact;
 use crate::policy::GainPoint;
 use crate::policy::fixture::{Bytes, blob_of, manifest};
@@ -10,6 +10,7 @@ use core::f32::consts::TAU;
 use proptest::prelude::*;
 use std::vec::Vec;
 
+mod estimated;
 mod swap;
 mod total;
 

@@ -29,7 +29,7 @@ fn missing(guard: &mut Guard) -> Verdict<'static> {
 }
 
 fn running() -> Guard {
-    let mut guard = Guard::new(&Limits::default(), TICK_NS);
+    let mut guard = Guard::new(&Limits::default(), TICK_NS, SAFE_AFTER_NS);
     assert!(matches!(judge(&mut guard, &measurement(100)), Verdict::Restart(_)));
     guard
 }
@@ -69,6 +69,42 @@ fn enters_the_safe_state_after_silence_and_leaves_it_after_good_measurements() {
     assert_eq!(judge(&mut guard, &measurement(901)), Verdict::Safe(None));
     assert!(matches!(judge(&mut guard, &measurement(902)), Verdict::Restart(_)));
     assert!(matches!(judge(&mut guard, &measurement(903)), Verdict::Use(_)));
+}
+
+/// Over a link that loses most messages three in a row hardly ever come.
+#[test]
+fn recovers_by_good_measurements_between_lost_ones_but_not_between_bad_ones() {
+    let silent = || {
+        let mut guard = running();
+        for _ in 0..20 {
+            missing(&mut guard);
+        }
+        guard
+    };
+    let mut guard = silent();
+    assert_eq!(judge(&mut guard, &measurement(200)), Verdict::Safe(None));
+    for _ in 0..8 {
+        assert_eq!(missing(&mut guard), Verdict::Safe(Some(Reject::Missing)));
+    }
+    assert_eq!(judge(&mut guard, &measurement(209)), Verdict::Safe(None));
+    assert!(matches!(judge(&mut guard, &measurement(210)), Verdict::Restart(_)));
+    let spoils: [fn(&mut Guard); 2] = [
+        |guard| {
+            for _ in 0..10 {
+                missing(guard);
+            }
+        },
+        |guard| {
+            guard.judge(Err(Reject::NonFinite));
+        },
+    ];
+    for spoil in spoils {
+        let mut guard = silent();
+        judge(&mut guard, &measurement(300));
+        judge(&mut guard, &measurement(301));
+        spoil(&mut guard);
+        assert_eq!(judge(&mut guard, &measurement(320)), Verdict::Safe(None), "counted anew");
+    }
 }
 
 #[test]
@@ -171,7 +207,7 @@ fn accepts_exactly_what_is_finite_and_in_range() {
                 density_ratio.is_none_or(|rho| within(rho, 0.0, 2.0)),
             ]
             .into();
-            let mut guard = Guard::new(&Limits::default(), TICK_NS);
+            let mut guard = Guard::new(&Limits::default(), TICK_NS, SAFE_AFTER_NS);
             let used = matches!(judge(&mut guard, &any), Verdict::Restart(_));
             assert_eq!(used, good.iter().all(|&g| g), "{any:?}");
             cases += 1;
@@ -179,4 +215,22 @@ fn accepts_exactly_what_is_finite_and_in_range() {
         }
     }
     assert!(accepted > 1_000 && accepted < cases / 2, "{accepted} of {cases} accepted");
+}
+
+#[test]
+fn counts_of_runs_add_up_to_the_sum_of_their_reasons() {
+    let counts_of = |rejects: &[Reject]| {
+        let mut guard = running();
+        for &reject in rejects {
+            guard.judge(Err(reject));
+        }
+        *guard.counts()
+    };
+    let sum = |counts: &Counts| counts.by_kind().iter().map(|(_, n)| n).sum::<u32>();
+    let one = counts_of(&[Reject::Missing, Reject::Gap, Reject::Gap, Reject::OldRun]);
+    let two = counts_of(&[Reject::Version, Reject::Missing, Reject::NonFinite]);
+    let both = one.plus(&two);
+    assert_eq!((one.rejected(), two.rejected(), both.rejected()), (4, 3, 7));
+    assert_eq!((sum(&one), sum(&two), sum(&both)), (4, 3, 7));
+    assert_eq!((both.missing, both.gap), (2, 2));
 }

@@ -62,8 +62,11 @@ impl From<ConfigError> for RequestError {
     fn from(error: ConfigError) -> Self {
         match error {
             ConfigError::Rate(_) => Self::Rate { least: *RATE_HZ.start(), most: *RATE_HZ.end() },
-            // The limits are the usual ones: they cannot be at fault.
-            ConfigError::Gravity(_) | ConfigError::Limits => Self::Gravity,
+            // All else is as usual: it cannot be at fault.
+            ConfigError::Gravity(_)
+            | ConfigError::Limits
+            | ConfigError::StaleLimit(_)
+            | ConfigError::Noise => Self::Gravity,
         }
     }
 }

@@ -9,7 +9,8 @@ mod image;
 use core::hint::black_box;
 use cortex_m_rt::entry;
 use leg_control::actor::{Action, Actor, Observation};
-use leg_control::config::Config;
+use leg_control::config::{Config, Estimation};
+use leg_control::estimator::StateNoise;
 use leg_control::policy::{ParseError, Policy, SHIPPED};
 use leg_control::wire::{Command, Header, Sample, WIRE_VERSION, flags};
 use leg_control::wire_controller::WireController;
@@ -56,6 +57,32 @@ fn measured_tick_at_apex(sample: Option<&Sample>, controller: &mut WireControlle
     controller.tick(sample)
 }
 
+#[inline(never)]
+fn measured_estimated_tick_in_flight(
+    controller: &mut WireController<'_>,
+    sample: Option<&Sample>,
+) -> Command {
+    controller.tick(sample)
+}
+
+#[inline(never)]
+fn measured_estimated_tick_in_stance(
+    sample: &Sample,
+    set_point_m_s: f32,
+    controller: &mut WireController<'_>,
+) -> Command {
+    controller.tick_at(Some(sample), Some(set_point_m_s))
+}
+
+#[inline(never)]
+fn measured_estimated_tick_with_an_action(
+    controller: &mut WireController<'_>,
+    set_point_m_s: f32,
+    sample: &Sample,
+) -> Command {
+    controller.tick_at(Some(sample), Some(set_point_m_s))
+}
+
 #[entry]
 fn main() -> ! {
     let Ok(policy) = measured_parse(black_box(SHIPPED)) else {
@@ -68,36 +95,59 @@ fn main() -> ! {
     black_box(measured_inference_without_tanh(actor, input));
     black_box(measured_inference_without_tanh_portable(actor, input));
     hop(&policy);
+    hop_estimated(&policy);
     semihosting::process::exit(0)
 }
 
-/// A leg that stands upright, 80 kg on 20,000 N/m, falls from 1.3 m in air; until
-/// it has passed an apex and bounced anew.
-fn hop(policy: &Policy<'static>) {
-    let Ok(config) = Config::at_rate(1_000) else { semihosting::process::exit(NO_SUCH_TICK) };
-    let mut controller = WireController::new(policy.clone(), config);
-    let mut apexes = 0;
-    let (mut y_m, mut vy_m_s) = (1.3_f32, 0.0_f32);
-    for seq in 0..1_200 {
-        let stance = y_m < 1.0;
-        let spring_m_s2 = if stance { 20_000.0 / 80.0 * (1.0 - y_m) } else { 0.0 };
-        vy_m_s += 1e-3 * (spring_m_s2 - 80.0 / 88.0 * 9.81);
-        y_m += 1e-3 * vy_m_s;
+/// A leg that stands upright, 80 kg on 20,000 N/m, and falls from 1.3 m in air.
+struct Bouncer {
+    seq: u64,
+    y_m: f32,
+    vy_m_s: f32,
+}
+
+impl Bouncer {
+    const fn new() -> Self {
+        Self { seq: 0, y_m: 1.3, vy_m_s: 0.0 }
+    }
+
+    /// Returns the sample of the next tick, and whether the leg is in stance.
+    fn tick(&mut self) -> (Sample, bool) {
+        let stance = self.y_m < 1.0;
+        let spring_m_s2 = if stance { 20_000.0 / 80.0 * (1.0 - self.y_m) } else { 0.0 };
+        self.vy_m_s += 1e-3 * (spring_m_s2 - 80.0 / 88.0 * 9.81);
+        self.y_m += 1e-3 * self.vy_m_s;
         let contact = if stance { flags::IN_CONTACT } else { 0 };
-        let sample = black_box(Sample {
+        let sample = Sample {
             header: Header {
                 version: WIRE_VERSION,
                 flags: flags::CONTACT_SENSED | contact,
                 run_id: 1,
-                seq,
-                t_ns: seq * 1_000_000,
+                seq: self.seq,
+                t_ns: self.seq * 1_000_000,
             },
             set_point_m_s: 0.5,
             vx_m_s: 0.4,
-            y_m,
-            vy_m_s,
+            y_m: self.y_m,
+            vy_m_s: self.vy_m_s,
             ..Sample::default()
-        });
+        };
+        self.seq += 1;
+        (black_box(sample), stance)
+    }
+}
+
+/// Until the leg has passed an apex and bounced anew.
+const TICKS: u32 = 1_200;
+
+/// The law on the readings.
+fn hop(policy: &Policy<'static>) {
+    let Ok(config) = Config::at_rate(1_000) else { semihosting::process::exit(NO_SUCH_TICK) };
+    let mut controller = WireController::new(policy.clone(), config);
+    let mut leg = Bouncer::new();
+    let mut apexes = 0;
+    for _ in 0..TICKS {
+        let (sample, stance) = leg.tick();
         // A second controller on the same samples tells the kinds of tick apart.
         let at_apex = controller.clone().tick(Some(&sample)).apexes > apexes;
         let command = match (at_apex, stance) {
@@ -109,6 +159,41 @@ fn hop(policy: &Policy<'static>) {
     }
     // The start counts as one, and one must have been passed.
     if apexes < 2 {
+        semihosting::process::exit(NO_SUCH_TICK)
+    }
+}
+
+/// The law on an estimate from the readings.
+fn hop_estimated(policy: &Policy<'static>) {
+    let config = Config::at_rate(1_000)
+        .and_then(|c| c.with_estimation(Estimation::StateChannels(StateNoise::default())));
+    let Ok(config) = config else { semihosting::process::exit(NO_SUCH_TICK) };
+    let mut controller = WireController::new(policy.clone(), config);
+    let mut leg = Bouncer::new();
+    let (mut apexes, mut actions, mut angle_rad) = (0, 0, 0.0);
+    for tick in 0..TICKS {
+        let (sample, stance) = leg.tick();
+        // Another set-point at each tick, so that each action is another one.
+        let set_point_m_s = 1e-3 * (tick % 1_000) as f32;
+        let mut other = controller.clone();
+        let ahead = other.tick_at(Some(&sample), Some(set_point_m_s));
+        let in_stance = other.estimate().is_some_and(|estimate| estimate.in_stance);
+        let computes = !in_stance && ahead.leg_angle_rad != angle_rad || ahead.apexes > apexes;
+        let command = if computes {
+            actions += 1;
+            let controller = black_box(&mut controller);
+            measured_estimated_tick_with_an_action(controller, set_point_m_s, &sample)
+        } else if stance {
+            let controller = black_box(&mut controller);
+            measured_estimated_tick_in_stance(&sample, set_point_m_s, controller)
+        } else {
+            let mut sample = sample;
+            sample.set_point_m_s = set_point_m_s;
+            measured_estimated_tick_in_flight(black_box(&mut controller), Some(&sample))
+        };
+        (apexes, angle_rad) = (black_box(command).apexes, command.leg_angle_rad);
+    }
+    if apexes < 2 || actions < 20 {
         semihosting::process::exit(NO_SUCH_TICK)
     }
 }

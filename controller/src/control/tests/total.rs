@@ -1,6 +1,7 @@
 //! Whatever comes in, what goes out is finite and in range.
 
 use super::*;
+use crate::estimator::StateNoise;
 use core::cell::Cell;
 use core::f32::consts::PI;
 use proptest::test_runner::TestRunner;
@@ -69,6 +70,13 @@ fn any_measurement() -> impl Strategy<Value = (Option<Measurement>, u64)> {
     (prop::option::weighted(0.95, measurement), step_ns)
 }
 
+/// A configuration for each source of the state.
+fn configs() -> [Config; 2] {
+    let config = Config::at_rate(1_000).unwrap();
+    let noise = StateNoise::default();
+    [config, config.with_estimation(Estimation::StateChannels(noise)).unwrap()]
+}
+
 /// Plays steps to a controller and checks every output; returns how many measurements
 /// were used.
 fn play(
@@ -135,15 +143,17 @@ fn any_run_of_measurements_gives_commands_in_range() {
     );
     TestRunner::new(ProptestConfig::with_cases(4_000))
         .run(&strategy, |(run, set_points)| {
-            steps.set(steps.get() + run.len());
-            with_controller(|controller| {
+            let bytes = Bytes::new(&blob_of(&manifest()).unwrap());
+            for config in configs() {
+                steps.set(steps.get() + run.len());
+                let controller = Controller::new(Policy::parse(bytes.get()).unwrap(), config);
                 let played = play(controller, &run, &set_points, |output| {
                     let c = output.command;
                     assert!(c.elongation_m <= 0.2, "{c:?}");
                     assert!((0.0..=2.0).contains(&c.elongation_rate_m_s), "{c:?}");
                 });
                 used.set(used.get() + played);
-            });
+            }
             Ok(())
         })
         .unwrap();
@@ -186,16 +196,53 @@ fn any_policy_that_parses_gives_commands_in_range() {
             let Ok(blob) = blob_of(&manifest) else { return Ok(()) };
             parsed.set(parsed.get() + 1);
             let bytes = Bytes::new(&blob);
-            let policy = Policy::parse(bytes.get()).unwrap();
-            let controller = Controller::new(policy, Config::at_rate(1_000).unwrap());
-            play(controller, &run, &set_points, |output| {
-                assert!(output.telemetry.velocity_offset_m_s.abs() <= 100.0);
-            });
+            for config in configs() {
+                let controller = Controller::new(Policy::parse(bytes.get()).unwrap(), config);
+                play(controller, &run, &set_points, |output| {
+                    assert!(output.telemetry.velocity_offset_m_s.abs() <= 100.0);
+                });
+            }
             Ok(())
         })
         .unwrap();
     let (parsed, tried) = (parsed.get(), tried.get());
     assert!(parsed > tried / 2, "{parsed} of {tried} policies parse");
+}
+
+/// Hours of falling, of hopping on the spot with contact that says nothing, of values at
+/// the limits: an estimator that runs for long stays finite.
+#[test]
+fn a_long_run_of_an_estimator_gives_commands_in_range() {
+    let policy = Policy::parse(crate::policy::SHIPPED).unwrap();
+    let [_, config] = configs();
+    let at = |tick: u64| tick as f32;
+    let motions: [&dyn Fn(u64) -> [f32; 3]; 5] = [
+        &|_| [0.0; 3],
+        &|tick| [50.0, 100.0, if tick % 2 == 0 { 50.0 } else { -50.0 }],
+        &|tick| [50.0 * (0.1 * at(tick)).sin(), 2.0, 3.0 * (7.0 * at(tick)).sin()],
+        &|tick| [0.5, 2.0, -9.0 * 1e-3 * at(tick % 400)],
+        &|tick| [at(tick % 100) - 50.0, at(tick % 200) - 100.0, 0.02],
+    ];
+    for (kind, motion) in motions.into_iter().enumerate() {
+        let mut controller = Controller::new(policy.clone(), config);
+        for tick in 0..200_000_u64 {
+            let [vx_m_s, y_m, vy_m_s] = motion(tick);
+            let contact = Contact::Sensed(tick % 700 > 500);
+            let m = Measurement {
+                t_ns: tick * 1_000_000,
+                vx_m_s,
+                y_m,
+                vy_m_s,
+                contact,
+                density_ratio: None,
+            };
+            let command = controller.step(Some(&m), 0.5).command;
+            assert!(command.is_valid(), "{command:?} in tick {tick} of kind {kind}");
+            let Some(e) = controller.estimate() else { continue };
+            let variances = [e.vx_variance, e.y_variance, e.vy_variance, e.density_variance];
+            assert!(variances.iter().all(|x| (0.0..1e6).contains(x)), "{e:?}, kind {kind}");
+        }
+    }
 }
 
 proptest! {
@@ -204,15 +251,17 @@ proptest! {
         run in prop::collection::vec(any_measurement(), 1..80)
     ) {
         let outputs = || {
+            let bytes = Bytes::new(&blob_of(&manifest()).unwrap());
             let mut outputs = Vec::new();
-            with_controller(|mut controller| {
+            for config in configs() {
+                let mut controller = Controller::new(Policy::parse(bytes.get()).unwrap(), config);
                 let mut t_ns = 0;
                 for (measurement, step_ns) in &run {
                     t_ns += step_ns;
                     let measurement = measurement.map(|m| Measurement { t_ns, ..m });
                     outputs.push(controller.step(measurement.as_ref(), 0.5));
                 }
-            });
+            }
             outputs
         };
         prop_assert_eq!(outputs(), outputs());
