@@ -7,6 +7,7 @@
 pub mod bench;
 pub mod bridge;
 pub mod cli;
+pub mod estimation;
 pub mod faults;
 pub mod operate;
 pub mod plot;

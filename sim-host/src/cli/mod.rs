@@ -7,6 +7,7 @@
 mod apex;
 mod bench;
 mod bridge;
+mod estimation;
 mod faults;
 mod hint;
 mod plot;
@@ -58,6 +59,8 @@ enum Command {
     },
     /// Measure how much of each fault a policy tolerates.
     Robustness(robustness::Args),
+    /// Measure what the state estimator makes of noisy, late and lost readings.
+    Estimation(estimation::Args),
     /// List the faults for `run --fault`.
     Faults,
     /// Measure the time of a tick on this machine.
@@ -90,6 +93,7 @@ fn run_command(program: &Program) -> anyhow::Result<ExitCode> {
         Some(Command::Watch(args)) => watch::main(args),
         Some(Command::Replay(args)) => replay::main(args),
         Some(Command::Robustness(args)) => robustness::main(args),
+        Some(Command::Estimation(args)) => estimation::main(args),
         Some(Command::Faults) => faults::main(),
         Some(Command::Plot(args)) => plot::main(args),
         Some(Command::Recorder { path }) => Ok(crate::record::writer_process(path)),

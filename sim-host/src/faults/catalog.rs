@@ -101,9 +101,9 @@ const TABLE: [KindInfo; 17] = [
         kind: FaultKind::Noise,
         name: "noise",
         value: "m/s or m, 0 to 100",
-        keys: &["field", "from", "until"],
+        keys: &["as", "correlation", "field", "from", "until"],
         acts: SENSOR,
-        about: "standard deviation of normal noise; with field=contact, the share of inverted readings",
+        about: "standard deviation of normal noise; as=uniform: largest deviation of uniform noise; correlation= is the time over which normal noise keeps 37 % of itself (0 to 10 s, default 0); with field=contact, the share of inverted readings",
     },
     KindInfo {
         kind: FaultKind::Bias,

@@ -84,13 +84,7 @@ impl Checker<'_> {
                 let ticks = self.whole("value", self.value(), DURATION_TICKS)?;
                 self.message(MessageFault::Freeze { ticks, chance: self.chance()?, mode })
             }
-            FaultKind::Noise => match self.field()? {
-                Field::Contact => self.sensor(SensorFault::ContactNoise(self.share()?)),
-                Field::Readings(readings) => {
-                    let deviation = self.number("value", self.value(), 0.0..=100.0)?;
-                    self.sensor(SensorFault::Readings(readings, ReadingFault::Noise(deviation)))
-                }
-            },
+            FaultKind::Noise => self.noise(),
             FaultKind::Bias => {
                 if self.key("field").is_none() {
                     let what = "bias needs field=, because each reading has its own unit";
@@ -243,6 +237,41 @@ impl Checker<'_> {
                 Err(self.bad("field", "contact", what))
             }
         }
+    }
+
+    fn noise(&self) -> Result<FaultEffect, FaultError> {
+        let correlation_s = match self.key("correlation") {
+            None => 0.0,
+            Some(text) => self.number("correlation", text.trim_end_matches('s'), 0.0..=10.0)?,
+        };
+        let is_uniform = match self.key("as") {
+            None | Some("normal") => false,
+            Some("uniform") => true,
+            Some(other) => return Err(self.bad("as", other, "it must be normal or uniform")),
+        };
+        let readings = match self.field()? {
+            Field::Contact if is_uniform || correlation_s > 0.0 => {
+                let what = "noise of the contact reading is a share of inverted readings and has \
+                            neither as nor correlation";
+                return Err(FaultError(format!("{}: {what}", self.setting)));
+            }
+            Field::Contact => return self.sensor(SensorFault::ContactNoise(self.share()?)),
+            Field::Readings(readings) => readings,
+        };
+        let size = self.number("value", self.value(), 0.0..=100.0)?;
+        let noise = if correlation_s > 0.0 {
+            if is_uniform {
+                let what = "uniform noise has no correlation; normal noise may";
+                return Err(FaultError(format!("{}: {what}", self.setting)));
+            }
+            let ticks = correlation_s * f64::from(self.run.rate_hz);
+            ReadingFault::Correlated { deviation: size, ticks }
+        } else if is_uniform {
+            ReadingFault::Uniform(size)
+        } else {
+            ReadingFault::Noise(size)
+        };
+        self.sensor(SensorFault::Readings(readings, noise))
     }
 
     fn ground(&self) -> Result<FaultEffect, FaultError> {

@@ -29,7 +29,7 @@ impl Media {
     }
 
     /// Returns the density profile as pairs of a place (m) and a density ratio.
-    pub(super) fn density_profile(self) -> Vec<[f64; 2]> {
+    pub(crate) fn density_profile(self) -> Vec<[f64; 2]> {
         match self {
             Self::Water => vec![[0.0, 1.0]],
             Self::Shore => vec![[1.0, 1.0], [11.0, 0.0]],

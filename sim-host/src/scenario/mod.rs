@@ -12,7 +12,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use leg_control::config::RATE_HZ;
-use leg_control::guard::Limits;
+use leg_control::guard::{Limits, SAFE_AFTER_NS};
 use leg_control::leg::LegModel;
 use leg_host::SessionParams;
 use rand_pcg::Pcg64Mcg;
@@ -55,6 +55,9 @@ pub struct Scenario {
     pub start: Body,
     /// Faults to inject.
     pub faults: Faults,
+    /// Age from which on a command counts for nothing, and time without one after which the
+    /// leg gives up, ns; of the controller the same. Settings do not change it.
+    pub stale_limit_ns: u64,
 }
 
 impl Scenario {
@@ -197,6 +200,7 @@ impl Scenario {
             set_points,
             start,
             faults,
+            stale_limit_ns: SAFE_AFTER_NS,
         })
     }
 }

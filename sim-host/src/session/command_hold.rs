@@ -1,6 +1,6 @@
 //! A zero-order hold: the command in force at the leg between two commands.
 
-use leg_control::guard::safe_after_ticks;
+use leg_control::guard::stale_after_ticks;
 use leg_control::wire::{Command, Header, WIRE_VERSION};
 
 use leg_plant::LegCommand;
@@ -9,7 +9,7 @@ use leg_plant::LegCommand;
 ///
 /// The ramp of a held command continues, so a late command delays a change but
 /// does not interrupt the push. Without a valid command for as long as the controller's
-/// guard coasts ([`safe_after_ticks`]), and before the first, the safe command is in
+/// guard coasts ([`stale_after_ticks`]), and before the first, the safe command is in
 /// force: leg upright, spring passive. A command older than that is not valid.
 #[derive(Debug)]
 pub(super) struct CommandHold {
@@ -26,9 +26,9 @@ pub(super) struct CommandHold {
 }
 
 impl CommandHold {
-    /// Returns a hold without a command, for ticks of this length, ns.
-    pub(super) fn new(tick_ns: u64) -> Self {
-        let safe_after_ticks = safe_after_ticks(tick_ns);
+    /// Returns a hold without a command, for ticks of this length and this stale limit, ns.
+    pub(super) fn new(tick_ns: u64, stale_limit_ns: u64) -> Self {
+        let safe_after_ticks = stale_after_ticks(stale_limit_ns, tick_ns);
         let silent_ticks = safe_after_ticks;
         Self { safe_after_ticks, last: None, silent_ticks, held_ticks: 0, silences: 0, refused: 0 }
     }
@@ -96,6 +96,7 @@ impl CommandHold {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use leg_control::guard::SAFE_AFTER_NS;
 
     fn at(seq: u64) -> Header {
         Header { version: WIRE_VERSION, flags: 0, run_id: 4, seq, t_ns: seq * 1_000_000 }
@@ -113,7 +114,7 @@ mod tests {
 
     #[test]
     fn a_held_command_stays_in_force_and_its_ramp_continues() {
-        let mut hold = CommandHold::new(1_000_000);
+        let mut hold = CommandHold::new(1_000_000, SAFE_AFTER_NS);
         assert_eq!(hold.in_force(&at(0)), Command::safe(&at(0)), "before the first");
         assert!(hold.update(&at(0), Some(command(0))));
         assert_eq!(hold.plant_command(&at(0)).elongation_m, f64::from(-0.001_f32));
@@ -126,7 +127,7 @@ mod tests {
 
     #[test]
     fn a_silent_controller_leaves_the_leg_safe_until_it_sends_again() {
-        let mut hold = CommandHold::new(1_000_000);
+        let mut hold = CommandHold::new(1_000_000, SAFE_AFTER_NS);
         hold.update(&at(0), Some(command(0)));
         let limit = u64::from(hold.safe_after_ticks);
         for seq in 1..limit {
@@ -145,7 +146,7 @@ mod tests {
     #[test]
     fn gives_up_after_the_same_time_as_the_guard_at_every_rate() {
         for (tick_ns, ticks) in [(1_000_000, 10), (250_000, 40), (10_000_000, 3)] {
-            let mut hold = CommandHold::new(tick_ns);
+            let mut hold = CommandHold::new(tick_ns, SAFE_AFTER_NS);
             hold.update(&at(0), Some(command(0)));
             let safe_at = (1..100).find(|&seq| {
                 hold.update(&at(seq), None);
@@ -153,6 +154,20 @@ mod tests {
             });
             assert_eq!(safe_at, Some(ticks), "{tick_ns} ns");
         }
+    }
+
+    #[test]
+    fn a_longer_stale_limit_accepts_and_holds_older_commands() {
+        let mut hold = CommandHold::new(1_000_000, 600_000_000);
+        assert!(hold.update(&at(600), Some(command(0))), "600 ms old");
+        for seq in 601..1_200 {
+            hold.update(&at(seq), None);
+            assert_eq!(hold.in_force(&at(seq)), command(0), "tick {seq}");
+        }
+        hold.update(&at(1_200), None);
+        assert!(hold.in_force(&at(1_200)).is_safe());
+        let mut hold = CommandHold::new(1_000_000, 600_000_000);
+        assert!(!hold.update(&at(601), Some(command(0))));
     }
 
     #[test]
@@ -168,14 +183,14 @@ mod tests {
             |c| c.elongation_rate_m_s = f32::NEG_INFINITY,
         ];
         for (i, change) in changes.into_iter().enumerate() {
-            let mut hold = CommandHold::new(1_000_000);
+            let mut hold = CommandHold::new(1_000_000, SAFE_AFTER_NS);
             assert!(hold.update(&at(45), Some(command(45))));
             let mut bad = command(50);
             change(&mut bad);
             assert!(!hold.update(&at(50), Some(bad)), "change {i}");
             assert_eq!((hold.refused, hold.in_force(&at(50))), (1, command(45)), "change {i}");
         }
-        let mut hold = CommandHold::new(1_000_000);
+        let mut hold = CommandHold::new(1_000_000, SAFE_AFTER_NS);
         assert!(!hold.update(&at(30), Some(command(19))), "eleven ticks old");
         assert!(hold.update(&at(30), Some(command(20))));
     }

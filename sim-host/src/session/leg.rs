@@ -85,7 +85,10 @@ impl<'a> Leg<'a> {
             terrain: scenario.faults.terrain(),
             changes_medium: scenario.faults.changes_medium(),
             world: WorldCounts::default(),
-            hold: CommandHold::new(1_000_000_000 / u64::from(scenario.rate_hz)),
+            hold: CommandHold::new(
+                1_000_000_000 / u64::from(scenario.rate_hz),
+                scenario.stale_limit_ns,
+            ),
             seq: 0,
             earlier_ticks: 0,
             restarts: 0,

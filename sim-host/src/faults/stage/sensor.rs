@@ -20,6 +20,9 @@ pub enum Reading {
 }
 
 impl Reading {
+    /// Number of readings.
+    const COUNT: usize = 5;
+
     /// The readings that every leg has.
     pub const MOTION: &'static [Self] = &[Self::Vx, Self::Y, Self::Vy, Self::LegLength];
 
@@ -39,6 +42,16 @@ impl Reading {
 pub enum ReadingFault {
     /// Adds normal noise of this standard deviation, independent in every tick.
     Noise(f64),
+    /// Adds normal noise of this standard deviation, of which a share of `exp(-1 / ticks)`
+    /// stays from each tick to the next (first-order autoregressive).
+    Correlated {
+        /// Standard deviation.
+        deviation: f64,
+        /// Correlation time, ticks; above 0.
+        ticks: f64,
+    },
+    /// Adds uniform noise of at most this size, independent in every tick.
+    Uniform(f64),
     /// Adds this constant.
     Bias(f64),
     /// Replaces the reading by NaN in this share of the samples, 0 to 1.
@@ -51,13 +64,28 @@ pub struct FaultyReadings {
     readings: &'static [Reading],
     fault: ReadingFault,
     rng: FaultRng,
+    /// The correlated noise of each reading in the last tick, and that tick.
+    state: [f64; Reading::COUNT],
+    last_tick: Option<u64>,
 }
 
 impl FaultyReadings {
     /// Applies `fault` to `readings`.
     #[must_use]
     pub fn new(readings: &'static [Reading], fault: ReadingFault, rng: FaultRng) -> Self {
-        Self { readings, fault, rng }
+        Self { readings, fault, rng, state: [0.0; Reading::COUNT], last_tick: None }
+    }
+
+    /// Draws the correlated noise of a tick.
+    fn correlate(&mut self, tick: u64, deviation: f64, ticks: f64) {
+        let stays = match self.last_tick.replace(tick) {
+            Some(last) => libm::exp(-(tick.saturating_sub(last) as f64) / ticks),
+            None => 0.0,
+        };
+        let comes = deviation * libm::sqrt(1.0 - stays * stays);
+        for state in self.state.iter_mut().take(self.readings.len()) {
+            *state = stays * *state + comes * self.rng.normal();
+        }
     }
 }
 
@@ -71,9 +99,16 @@ impl FaultStage<Sample> for FaultyReadings {
         {
             return Passed::untouched(message);
         }
-        for reading in self.readings {
+        if let ReadingFault::Correlated { deviation, ticks } = self.fault {
+            self.correlate(now.tick, deviation, ticks);
+        }
+        for (reading, correlated) in self.readings.iter().zip(self.state) {
             let value = reading.of(&mut sample);
             *value = match self.fault {
+                ReadingFault::Correlated { .. } => (f64::from(*value) + correlated) as f32,
+                ReadingFault::Uniform(most) => {
+                    (f64::from(*value) + most * (2.0 * self.rng.uniform() - 1.0)) as f32
+                }
                 ReadingFault::Noise(deviation) => {
                     (f64::from(*value) + deviation * self.rng.normal()) as f32
                 }

@@ -140,6 +140,25 @@ fn sensor_faults_change_only_their_reading_and_by_the_given_amount() {
     assert!(received.iter().flatten().all(|sample| sample.vy_m_s == 0.0), "another reading");
 
     let (received, _) =
+        through(FaultyReadings::new(&[Reading::Vx], ReadingFault::Uniform(0.25), rng()));
+    let errors = values(&received);
+    let deviation = (errors.iter().map(|e| e * e).sum::<f64>() / TICKS as f64).sqrt();
+    // That of the uniform distribution over (-1, 1) is 1 over the root of 3.
+    assert!(errors.iter().all(|e| e.abs() <= 0.25 + 1e-4), "{errors:?}");
+    assert!((deviation - 0.25 / 3_f64.sqrt()).abs() < 0.01, "{deviation}");
+
+    let correlated = ReadingFault::Correlated { deviation: 0.25, ticks: 5.0 };
+    let (received, _) = through(FaultyReadings::new(&[Reading::Vx], correlated, rng()));
+    let errors = values(&received);
+    let covariance = |lag: usize| {
+        let pairs = errors.iter().zip(&errors[lag..]);
+        pairs.map(|(a, b)| a * b).sum::<f64>() / (TICKS as usize - lag) as f64
+    };
+    assert!((covariance(0).sqrt() - 0.25).abs() < 0.04, "{}", covariance(0).sqrt());
+    let kept = covariance(5) / covariance(0);
+    assert!((0.2..0.55).contains(&kept), "{kept} after the correlation time, in place of 0.37");
+
+    let (received, _) =
         through(FaultyReadings::new(&[Reading::Vx], ReadingFault::Bias(-0.5), rng()));
     assert!(values(&received).iter().all(|&error| error == -0.5));
 

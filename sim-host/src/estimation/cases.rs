@@ -1,0 +1,179 @@
+//! The cases of the study.
+
+use crate::faults::FaultSetting;
+use crate::robustness::Media;
+
+/// A set of faults, and what is expected under them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Case {
+    /// Name.
+    pub name: &'static str,
+    /// Description.
+    pub about: &'static str,
+    /// Faults, as users write them.
+    faults: &'static [&'static str],
+    /// Media; none: all.
+    only: Option<Media>,
+    /// Apexes after which a leg counts as still hopping.
+    pub hops: u32,
+    /// Stale limit of leg and controller, ms.
+    pub stale_limit_ms: u64,
+    /// Least share of the runs that is expected to hop on with the estimator.
+    pub goal: f64,
+}
+
+const WHITE_1: Case = Case {
+    name: "white-1",
+    about: "white noise of 1 m/s and 1 m on every channel",
+    faults: &["noise=1"],
+    only: None,
+    hops: 30,
+    stale_limit_ms: 10,
+    goal: 0.999,
+};
+
+/// The cases in the order of the report.
+pub const CASES: [Case; 17] = [
+    Case { name: "ideal", about: "no fault", faults: &[], goal: 1.0, ..WHITE_1 },
+    Case {
+        name: "white-0.2",
+        about: "white noise of 0.2 m/s and 0.2 m on every channel",
+        faults: &["noise=0.2"],
+        ..WHITE_1
+    },
+    WHITE_1,
+    Case { name: "white-1-long", about: "the same for 300 hops", hops: 300, ..WHITE_1 },
+    Case {
+        name: "white-2",
+        about: "white noise of 2 m/s and 2 m",
+        faults: &["noise=2"],
+        goal: 0.998,
+        ..WHITE_1
+    },
+    Case {
+        name: "white-5",
+        about: "white noise of 5 m/s and 5 m",
+        faults: &["noise=5"],
+        goal: 0.99,
+        ..WHITE_1
+    },
+    Case {
+        name: "coloured",
+        about: "noise of 0.3 m/s and 0.3 m, correlated over 20 ms",
+        faults: &["noise=0.3,correlation=0.02"],
+        goal: 0.99,
+        ..WHITE_1
+    },
+    Case {
+        name: "at-once",
+        about: "noise of 1, 20 ms late each way with 5 ms of jitter, 30 % lost, 5 % of the \
+                contact readings wrong, actuators with a lag of 20 ms, ground of 0.3 m",
+        faults: &[
+            "noise=1",
+            "noise=0.05,field=contact",
+            "drop=0.3",
+            "delay=20",
+            "jitter=5",
+            "lag=0.02",
+            "ground=rough,length=0.5,height=0.3",
+        ],
+        stale_limit_ms: 1_000,
+        goal: 0.995,
+        ..WHITE_1
+    },
+    Case {
+        name: "late-100",
+        about: "samples and commands 100 ms late each",
+        faults: &["delay=100"],
+        stale_limit_ms: 1_000,
+        goal: 1.0,
+        ..WHITE_1
+    },
+    Case {
+        name: "late-300",
+        about: "samples and commands 300 ms late each",
+        faults: &["delay=300"],
+        stale_limit_ms: 1_000,
+        goal: 0.995,
+        ..WHITE_1
+    },
+    Case {
+        name: "lost-90",
+        about: "90 % of the messages lost each way",
+        faults: &["drop=0.9"],
+        stale_limit_ms: 1_000,
+        goal: 0.99,
+        ..WHITE_1
+    },
+    Case {
+        name: "trained-with",
+        about: "uniform noise of up to 0.1 m/s and 0.1 m, 20 ms late each way: what legged_gym, \
+                Isaac Lab and MuJoCo Playground train with; 300 hops",
+        faults: &["noise=0.1,as=uniform", "delay=20"],
+        stale_limit_ms: 100,
+        hops: 300,
+        ..WHITE_1
+    },
+    Case {
+        name: "flood",
+        about: "noise of 0.2; land turns to water at once after 15 s",
+        faults: &["noise=0.2", "medium=1,at=15s"],
+        only: Some(Media::Land),
+        goal: 0.98,
+        ..WHITE_1
+    },
+    Case {
+        name: "mass-0.8",
+        about: "noise of 0.2; 0.8 times the mass of the model",
+        faults: &["noise=0.2", "mass=0.8"],
+        goal: 0.98,
+        ..WHITE_1
+    },
+    Case {
+        name: "mass-2",
+        about: "noise of 0.2; twice the mass of the model",
+        faults: &["noise=0.2", "mass=2"],
+        goal: 0.98,
+        ..WHITE_1
+    },
+    Case {
+        name: "stiffness-0.8",
+        about: "noise of 0.2; 0.8 times the stiffness",
+        faults: &["noise=0.2", "stiffness=0.8"],
+        goal: 0.98,
+        ..WHITE_1
+    },
+    Case {
+        name: "nan",
+        about: "noise of 0.2; a fifth of the readings of each channel not a number",
+        faults: &["noise=0.2", "nan=0.2,field=vx", "nan=0.2,field=y", "nan=0.2,field=vy"],
+        goal: 0.98,
+        ..WHITE_1
+    },
+];
+
+impl Case {
+    /// Returns the case of this name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<&'static Self> {
+        CASES.iter().find(|case| case.name == name)
+    }
+
+    /// Returns whether the case is one of this medium.
+    #[must_use]
+    pub fn is_in(&self, media: Media) -> bool {
+        self.only.is_none_or(|only| only == media)
+    }
+
+    /// Returns the same case for another number of hops.
+    #[must_use]
+    pub fn with_hops(self, hops: u32) -> Self {
+        Self { hops, ..self }
+    }
+
+    /// Returns the fault settings.
+    pub(super) fn settings(&self) -> Vec<FaultSetting> {
+        let parse = |text: &&str| text.parse().expect("a test parses every fault");
+        self.faults.iter().map(parse).collect()
+    }
+}

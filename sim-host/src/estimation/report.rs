@@ -1,0 +1,170 @@
+//! The result of the study, as a table and as JSON.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use super::cases::Case;
+use super::run::Played;
+use crate::robustness::Media;
+
+/// The result of the study. Its JSON form has these fields.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// Name of the policy.
+    pub policy: String,
+    /// Whether the control law had an estimator.
+    pub estimated: bool,
+    /// Number of runs of each row.
+    pub runs: u64,
+    /// One row for each case and medium.
+    pub rows: Vec<Row>,
+}
+
+/// The runs of one case in one medium.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Row {
+    /// Name of the case.
+    pub case: &'static str,
+    /// Medium of the runs.
+    pub media: Media,
+    /// Apexes after which a leg counts as still hopping.
+    pub hops: u32,
+    /// Number of runs.
+    pub runs: u64,
+    /// Number of runs that were still hopping at the end.
+    pub hopping: u64,
+    /// Wilson's 95 % interval of the share.
+    pub interval: [f64; 2],
+    /// Least share that is expected with the estimator.
+    pub goal: f64,
+    /// Apexes in all runs.
+    pub apexes: u64,
+    /// Apexes for which there was another number of decisions than one.
+    pub miscounted: u64,
+    /// Mean distance of the velocity at the apex from the set-point, m/s.
+    pub tracking_m_s: f64,
+    /// Root mean square of the error at the apex: velocity, m/s, height, m, density ratio.
+    pub rms: [f64; 3],
+    /// Mean square of the innovations of the vertical velocity in flight, in standard
+    /// deviations.
+    pub innovations_squared: f64,
+    /// Mean square of the errors of vx, y, vy and density in flight, in standard deviations.
+    pub errors_squared: [f64; 4],
+}
+
+impl Row {
+    pub(super) fn of(case: &Case, media: Media, played: &[Played]) -> Self {
+        let sum = |of: &dyn Fn(&Played) -> f64| played.iter().map(of).sum::<f64>();
+        let mean = |total: f64, count: f64| if count > 0.0 { total / count } else { 0.0 };
+        let hopping = played.iter().filter(|run| run.apexes >= case.hops).count() as u64;
+        let errors = sum(&|run| run.errors.len() as f64);
+        let square = |i: usize| sum(&|run| run.errors.iter().map(|e| e[i] * e[i]).sum());
+        let ticks = sum(&|run| run.innovations[1]);
+        Self {
+            case: case.name,
+            media,
+            hops: case.hops,
+            runs: played.len() as u64,
+            hopping,
+            interval: wilson(hopping, played.len() as u64),
+            goal: case.goal,
+            apexes: played.iter().map(|run| u64::from(run.apexes)).sum(),
+            miscounted: played.iter().map(|run| u64::from(run.miscounted)).sum(),
+            tracking_m_s: mean(
+                sum(&|run| run.tracking_m_s.iter().sum()),
+                sum(&|run| run.tracking_m_s.len() as f64),
+            ),
+            rms: [0, 1, 2].map(|i| mean(square(i), errors).sqrt()),
+            innovations_squared: mean(sum(&|run| run.innovations[0]), ticks),
+            errors_squared: [0, 1, 2, 3]
+                .map(|i: usize| mean(sum(&|run| run.errors_squared[i]), ticks)),
+        }
+    }
+
+    /// Returns the share of the runs still hopping, 0 to 1.
+    #[must_use]
+    pub fn share(&self) -> f64 {
+        self.hopping as f64 / self.runs.max(1) as f64
+    }
+
+    /// Returns whether the share is the expected one.
+    #[must_use]
+    pub fn reaches_its_goal(&self) -> bool {
+        self.share() >= self.goal
+    }
+}
+
+/// Returns Wilson's 95 % interval for a share of `yes` among `all`.
+fn wilson(yes: u64, all: u64) -> [f64; 2] {
+    const Z: f64 = 1.959_963_984_540_054;
+    let n = all.max(1) as f64;
+    let share = yes as f64 / n;
+    let scale = 1.0 / (1.0 + Z * Z / n);
+    let middle = scale * (share + Z * Z / (2.0 * n));
+    let half = scale * Z * (share * (1.0 - share) / n + Z * Z / (4.0 * n * n)).sqrt();
+    [(middle - half).max(0.0), (middle + half).min(1.0)]
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { policy, runs, estimated, .. } = self;
+        let by = if *estimated { "by the estimate" } else { "by the readings" };
+        writeln!(f, "{runs} runs of each case, 0.5 m/s, policy `{policy}`, {by}\n")?;
+        writeln!(
+            f,
+            "  {:<14}{:<7}{:>5}{:>9}  {:<15}{:>6}{:>6}{:>8}   {:<24}{:>5}",
+            "case",
+            "medium",
+            "hops",
+            "hopping",
+            "95 % interval",
+            "goal",
+            "not 1",
+            "|error|",
+            "rms: vx, y, density",
+            "nis"
+        )?;
+        for row in &self.rows {
+            let missed = if row.reaches_its_goal() { "" } else { "  below its goal" };
+            let [low, high] = row.interval;
+            let [vx, y, density] = row.rms;
+            writeln!(
+                f,
+                "  {:<14}{:<7}{:>5}{:>7.1} %  {:<15}{:>6}{:>6}{:>8.4}   {:<24}{:>5.2}{missed}",
+                row.case,
+                row.media.name(),
+                row.hops,
+                100.0 * row.share(),
+                format!("{:.1} to {:.1} %", 100.0 * low, 100.0 * high),
+                row.goal,
+                row.miscounted,
+                row.tracking_m_s,
+                format!("{vx:.4}  {y:.4}  {density:.4}"),
+                row.innovations_squared,
+            )?;
+        }
+        writeln!(
+            f,
+            "\n  not 1: apexes without exactly one decision; |error|: mean distance of the velocity at\n  \
+             the apex from the set-point, m/s; rms: errors at the apex, m/s, m; nis: mean square of\n  \
+             the innovations of vy in flight in standard deviations, 1 for a consistent filter"
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Values of Newcombe, Statistics in Medicine 17:857 (1998), table I, method 3.
+    #[test]
+    fn wilsons_interval_matches_published_values() {
+        for (yes, all, low, high) in
+            [(81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611)]
+        {
+            let [l, h] = wilson(yes, all);
+            assert!((l - low).abs() < 5e-5 && (h - high).abs() < 5e-5, "{yes} of {all}: {l}, {h}");
+        }
+    }
+}
