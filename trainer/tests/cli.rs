@@ -108,7 +108,10 @@ fn input_errors_name_the_cause_with_status_2() {
         ("train --preset air --out p.csv", "name the log with --log"),
         ("train --preset air --out p.bin --eval-starts 1000001", "0..=1000000"),
         ("eval --policy p.bin --starts 4294967295", "1..=1000000"),
-        ("eval --policy not.bin", "not.bin is not a valid policy: it starts with"),
+        (
+            "eval --policy not.bin",
+            "not.bin is not a valid policy: it does not start with \"LEGACTOR\"",
+        ),
         ("import --json clip.json --out p.bin", "low[0]: 0.5, expected at most high[0], 0.25"),
         (long_name.as_str(), "has 65 bytes, at most 64"),
         ("import --json actor.json --out p.bin", "actor.json: output: \"linear\", expected"),
@@ -192,6 +195,15 @@ fn a_printed_configuration_trains_the_policy_of_its_preset() {
         ("train --out x.bin", "give --preset NAME or --config FILE"),
         ("train --preset air --out x.bin --set learning.bach=1", "--set learning.bach=1: no key"),
         ("train --preset air --out x.bin --set reward.cap=0", "reward.cap is 0, but must be"),
+        (
+            "train --preset air --out x.bin --set learning.batch=abc",
+            "--set learning.batch=abc: string \"abc\", expected a whole number from 0\n",
+        ),
+        (
+            "train --preset air --out x.bin --set gains=[1]",
+            "--set gains=[1]: integer `1`, expected a table in { }\n",
+        ),
+        ("import --onnx bad.toml --out x.bin", "write it with torch.onnx.export\n"),
         ("train --preset air --out x.bin --checkpoint-every=-1", "from 0 to 1000000"),
     ] {
         let output = run(line);

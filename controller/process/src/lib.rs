@@ -1,5 +1,6 @@
 //! Process-level services that every program of this workspace uses:
 //!
+//! - [`chain`]: an error with its causes as one sentence.
 //! - [`signals`]: a stop flag raised by signals; the limit of file sizes as an error.
 //! - [`stdout`]: printing that tolerates a closed pipe.
 //! - [`remedy`]: what helps against an error of the system.
@@ -10,6 +11,7 @@
 //! - [`rounded`]: numbers for output.
 
 pub mod atomic_file;
+mod chain;
 pub mod policy_file;
 pub mod program;
 pub mod remedy;
@@ -18,5 +20,6 @@ pub mod signals;
 pub mod stderr;
 pub mod stdout;
 
+pub use chain::chain;
 pub use rounded::rounded;
 pub use signals::Stop;

@@ -129,10 +129,9 @@ impl fmt::Display for ParseError {
             Self::TooLong { expected, found } => {
                 write!(f, "{found} bytes, but the policy has {expected}: remove what follows it")
             }
-            Self::Magic(bytes) => write!(
-                f,
-                "it starts with {bytes:02x?}, a policy with \"LEGACTOR\": this is another kind of file"
-            ),
+            Self::Magic(_) => {
+                write!(f, "it does not start with \"LEGACTOR\": this is another kind of file")
+            }
             Self::Version(v) => write!(
                 f,
                 "format version {v}, this build reads {FORMAT_VERSION}: export the policy again"

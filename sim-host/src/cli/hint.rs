@@ -15,7 +15,7 @@ use crate::session::two_processes::PlayError;
 
 /// Formats an error with its causes and, if there is one, the hint.
 pub(super) fn with_hint(error: &anyhow::Error) -> String {
-    hint::with_hint(format_args!("{error:#}"), hint_on(error))
+    hint::with_hint(leg_process::chain(error.as_ref()), hint_on(error))
 }
 
 fn hint_on(error: &anyhow::Error) -> Option<String> {

@@ -405,10 +405,10 @@ pub enum ScenarioError {
         cause: Box<toml::de::Error>,
     },
     /// A value is out of range.
-    #[error("{origin}: {cause}")]
+    #[error("{}{cause}", origin.as_ref().map(|path| format!("{}: ", path.display())).unwrap_or_default())]
     Value {
-        /// The file, or the command line.
-        origin: String,
+        /// The file; `None` for options.
+        origin: Option<PathBuf>,
         /// The value.
         cause: BadValue,
     },
@@ -435,11 +435,11 @@ pub fn load_with_settings(
         let base = Settings::from_file(path)?;
         // Validated alone first, so that the error names the file.
         Scenario::from_settings(&base)
-            .map_err(|cause| ScenarioError::Value { origin: path.display().to_string(), cause })?;
+            .map_err(|cause| ScenarioError::Value { origin: Some(path.to_owned()), cause })?;
         settings = settings.over(base);
     }
     let scenario = Scenario::from_settings(&settings)
-        .map_err(|cause| ScenarioError::Value { origin: "command line".to_owned(), cause })?;
+        .map_err(|cause| ScenarioError::Value { origin: None, cause })?;
     Ok((scenario, settings))
 }
 

@@ -361,6 +361,9 @@ fn rejects_invalid_scenarios_with_status_2() {
     ] {
         place.simulator(&[flag, "-1"]).end().assert(2, &[key, "-1", limit]);
     }
+    place.simulator(&["--rate", "0"]).end().assert(2, &["--rate: rate_hz: 0", "from 50 to 20000"]);
+    let unused = place.alone(&["--in-process", "--domain", "x"]).end();
+    unused.assert(2, &["--domain has no effect with --in-process"]);
     place.simulator(&["--policy", "any.bin"]).end().assert(2, &["--policy", "--spawn"]);
     place
         .alone(&["--spawn", "--domain", "a/b"])

@@ -90,7 +90,7 @@ pub fn main() -> ExitCode {
         Err(Failure::Input(error)) => (error, 2),
         Err(Failure::Run(error)) => (error, 1),
     };
-    stderr::print_line(format_args!("paper-figures: {error:#}"));
+    stderr::print_line(format_args!("paper-figures: {}", leg_process::chain(error.as_ref())));
     ExitCode::from(status)
 }
 

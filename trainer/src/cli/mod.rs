@@ -121,7 +121,7 @@ pub fn main() -> ExitCode {
     if broken_pipe {
         return ExitCode::SUCCESS;
     }
-    stderr::print_line(format_args!("trainer: {error:#}"));
+    stderr::print_line(format_args!("trainer: {}", leg_process::chain(error.as_ref())));
     ExitCode::from(status)
 }
 

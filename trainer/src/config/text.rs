@@ -57,13 +57,27 @@ pub enum SetError {
         key: String,
     },
     /// The value has another type.
-    #[error("{setting}: {cause}")]
+    #[error("{setting}: {what}")]
     Value {
         /// The setting as given.
         setting: String,
-        /// What was expected.
-        cause: Box<toml::de::Error>,
+        /// What was found and expected.
+        what: String,
     },
+}
+
+/// Returns the message of a value of another type in words of TOML instead of Rust.
+fn in_plain_words(cause: &toml::de::Error) -> String {
+    let message = cause.message().replace("invalid type: ", "");
+    let Some((found, expected)) = message.rsplit_once(", expected ") else { return message };
+    let expected = match expected {
+        "usize" | "u32" | "u64" => "a whole number from 0",
+        "f32" | "f64" => "a number",
+        "a sequence" => "a list in [ ]",
+        text if text.starts_with("struct ") => "a table in { }",
+        text => text,
+    };
+    format!("{found}, expected {expected}")
 }
 
 impl Config {
@@ -152,8 +166,10 @@ impl Config {
             at = inner.ok_or_else(missing)?;
         }
         *at = value;
-        root.try_into()
-            .map_err(|cause| SetError::Value { setting: setting.into(), cause: Box::new(cause) })
+        root.try_into().map_err(|cause| SetError::Value {
+            setting: setting.into(),
+            what: in_plain_words(&cause),
+        })
     }
 
     /// Returns the first key in which this configuration differs from another, with both

@@ -26,7 +26,7 @@ pub(in crate::cli) struct Args {
     pub(super) settings: Settings,
     #[command(flatten)]
     pub(super) meeting: Meeting,
-    /// Start the controller too, in its own process and domain.
+    /// Start the controller too, in its own process; without --domain, in a domain of its own.
     #[arg(long, conflicts_with = "in_process")]
     pub(super) spawn: bool,
     /// Run the controller in this process, without shared memory.
