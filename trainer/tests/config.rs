@@ -94,7 +94,7 @@ fn sets_a_parameter_by_its_key() {
     for (setting, message) in [
         ("learning.batch", "expected KEY=VALUE"),
         ("learning.bach=32", "learning.bach=32: no key bach here"),
-        ("learning.batch=many", "string \"many\""),
+        ("learning.batch=many", "string \"many\", expected a whole number from 0"),
         ("stages.7.length.steps=1", "no key 7 here"),
         ("network.critic=joint-70", "joint-70"),
     ] {

@@ -89,6 +89,6 @@ fn input_errors_name_the_cause_with_status_2() {
     }
     assert!(!directory.path().join("curves.svg").exists());
     let output = plot("good.csv --out nowhere/curves.svg", directory.path());
-    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(output.status.code(), Some(2));
     assert!(text(&output.stderr).contains("nowhere/curves.svg: cannot be written"));
 }

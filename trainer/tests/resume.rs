@@ -357,6 +357,10 @@ fn refuses_a_checkpoint_that_cannot_be_used() {
     let anew = ["--preset", "water", "--episodes", "3", "--restart"];
     assert!(output(&anew, path).status.success());
     assert_eq!(names(path), ["p.bin", "p.csv"]);
+    // There is nothing to resume then, and without the policy nothing at all.
+    let complete = output(&["--resume"], path);
+    assert!(complete.status.success(), "{}", error(&complete));
+    fs::remove_file(path.join("p.bin")).unwrap();
     refused(&["--resume"], "there is no checkpoint p.bin.checkpoint; give --preset or --config");
 }
 
