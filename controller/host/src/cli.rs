@@ -80,7 +80,7 @@ pub struct Args {
     #[command(flatten)]
     pub domain: DomainArgs,
     /// How long to wait for a missing or silent simulator, s [default: as long as it takes;
-    /// with --once, 10].
+    /// with --once, 10 for a missing one].
     #[arg(long, value_name = "S", value_parser = parse_timeout, allow_negative_numbers = true)]
     pub timeout: Option<Duration>,
     /// How to tick by the clock.

@@ -116,7 +116,6 @@ fn connect_options(args: &Args, scenario: &Scenario) -> ConnectOptions {
         rate_hz: scenario.rate_hz,
         gravity_m_s2: scenario.controller_gravity_m_s2(),
         domain: domain.clone(),
-        timeout: TIMEOUT,
         real_time: Vec::new(),
     };
     ConnectOptions { domain, timeout: TIMEOUT, start: Some(controller), run_id: new_run_id() }

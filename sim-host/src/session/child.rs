@@ -25,8 +25,6 @@ pub struct ControllerArgs {
     pub gravity_m_s2: f32,
     /// The domain in which both processes connect.
     pub domain: String,
-    /// Its longest wait for this process.
-    pub timeout: Duration,
     /// Options of its loop in real time; empty in lock-step.
     pub real_time: Vec<OsString>,
 }
@@ -43,7 +41,6 @@ impl ControllerArgs {
             ("--rate", self.rate_hz.to_string()),
             ("--gravity", self.gravity_m_s2.to_string()),
             ("--domain", self.domain.clone()),
-            ("--timeout", self.timeout.as_secs_f64().to_string()),
         ] {
             arguments.extend([flag.into(), value.into()]);
         }

@@ -3,6 +3,7 @@
 use std::io::{Read, Write};
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use crate::place::{PROGRAM, Place, wait_until};
 
@@ -51,7 +52,9 @@ impl Watch {
         wait_until(|| {
             let mut screen = self.screen.lock().unwrap();
             if !screen.contains(text) {
-                return Err(format!("`{text}` is not drawn: {screen:?}"));
+                let last: String = screen.chars().rev().take(2000).collect();
+                let last: String = last.chars().rev().collect();
+                return Err(format!("`{text}` is not drawn; the last that was: {last:?}"));
             }
             screen.clear();
             Ok(())
@@ -121,6 +124,25 @@ fn watching_does_not_change_a_run_and_can_operate_it() {
     let ended = endless.end();
     assert!(ended.assert_ok().out.starts_with("stopped after"), "{}", ended.out);
     wait_until_clean();
+    watch.leave();
+    place.assert_clean();
+}
+
+/// Regression: the controller that a run had started took a pause for the silence of a stopped
+/// leg, and ended.
+#[test]
+fn a_pause_longer_than_the_timeout_keeps_the_controller_that_was_started() {
+    let place = Place::new();
+    let mut watch = Watch::begin(&place);
+    let own = ["--spawn", "--domain", place.domain(), "--set-point", "0.25", "--timeout", "1"];
+    let run = place.alone(&[&["--duration", "80000"], &own[..]].concat());
+    watch.wait_for("+0.25");
+    watch.press(" ");
+    watch.wait_for("PAUSED");
+    std::thread::sleep(Duration::from_millis(2500));
+    watch.press("Q");
+    let run = run.end();
+    assert!(run.assert_ok().out.starts_with("stopped after"), "{}", run.out);
     watch.leave();
     place.assert_clean();
 }

@@ -27,8 +27,10 @@ pub(super) struct RunServer {
     pub(super) node: NodeLoop,
     pub(super) server: Arc<Mutex<NodeServer>>,
     pub(super) stop: Stop,
-    /// How long to wait for a missing or silent leg; `None` is without limit.
+    /// How long to wait for a missing leg; `None` is without limit.
     pub(super) timeout: Option<Duration>,
+    /// How long to wait for a leg that lives and sends nothing, as one that is paused.
+    silence_timeout: Option<Duration>,
     pub(super) once: bool,
     has_reported_missing: bool,
     /// The process whose run is over.
@@ -86,6 +88,7 @@ impl RunServer {
             stop,
             // Without --once the process waits without limit, unless a limit is given.
             timeout: args.timeout.or(args.once.then_some(TIMEOUT)),
+            silence_timeout: args.timeout,
             once: args.once,
             has_reported_missing: false,
             served: None,
@@ -169,7 +172,7 @@ impl RunServer {
             }
             node.tick(Some(sample))
         };
-        serve_reporting_silence(&mut self.link, self.timeout, law, |silence| log(silence))?;
+        serve_reporting_silence(&mut self.link, self.silence_timeout, law, |silence| log(silence))?;
         Ok(Summary {
             policy: policy_name(&self.node),
             result: self.node.result_of_run().unwrap_or_default(),

@@ -79,7 +79,6 @@ pub(super) fn with_controller<R>(
         rate_hz: scenario.rate_hz,
         gravity_m_s2: scenario.controller_gravity_m_s2(),
         domain: domain.clone(),
-        timeout,
         real_time: args.real_time.controller_arguments(),
     });
     let run_id = new_run_id();
