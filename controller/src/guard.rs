@@ -34,6 +34,7 @@ pub const fn safe_after_ticks(tick_ns: u64) -> u32 {
 /// Returns a stale limit, ns, at most 1 s, in ticks of `tick_ns`, at least 3.
 #[must_use]
 pub const fn stale_after_ticks(stale_ns: u64, tick_ns: u64) -> u32 {
+    let stale_ns = if stale_ns < MAX_GAP_NS { stale_ns } else { MAX_GAP_NS };
     if tick_ns == 0 || tick_ns > stale_ns {
         return FEWEST_SAFE_AFTER_TICKS;
     }

@@ -37,6 +37,7 @@ pub mod serve;
 pub mod server;
 pub mod shm;
 pub mod socket;
+pub mod socket_server;
 pub mod status;
 
 pub use discovery::Domain;

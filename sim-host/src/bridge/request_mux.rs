@@ -4,40 +4,24 @@
 //! protocol. It forwards them one by one, between samples, under its own ids, and refuses
 //! those that would interfere with the run.
 
-use std::io::{self, Read, Write};
+use std::io::Write;
 use std::net::Shutdown;
-use std::os::unix::net::{UnixListener, UnixStream};
+use std::os::unix::net::UnixStream;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver as Queue, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::JoinHandle;
-use std::time::Duration;
 
 use leg_control::serial::frame::{self, MAX_FRAME, Receiver};
 use leg_control::serial::message::{Reply, Request, RequestError, ToController, ToHost};
-use leg_host::socket::{SocketError, SocketFile};
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
-
-/// How often the thread checks whether to end.
-const POLL: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
-/// Pause after a system error, before the next try.
-const PAUSE: Duration = Duration::from_millis(50);
+use leg_host::socket::SocketError;
+use leg_host::socket_server::{Connection, SocketServer};
 
 /// The requests of the clients of all sockets.
 #[derive(Debug)]
 pub(super) struct RequestMux {
     queue: Queue<ClientRequest>,
     sender: Sender<ClientRequest>,
-    sockets: Vec<ListeningSocket>,
-}
-
-/// A socket, and the thread that listens on it; both end when dropped.
-#[derive(Debug)]
-struct ListeningSocket {
-    end: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
-    file: Option<SocketFile>,
+    sockets: Vec<SocketServer>,
 }
 
 /// The connection on which a client receives its replies.
@@ -131,16 +115,13 @@ impl RequestMux {
 
     /// Listens on the unix socket at `path`, too.
     pub(super) fn listen(&mut self, path: &Path) -> Result<(), SocketError> {
-        let (file, listener) = SocketFile::bind(path)?;
-        let failed = |cause| SocketError::Io { path: path.to_owned(), cause };
-        listener.set_nonblocking(true).map_err(failed)?;
-        let end = Arc::new(AtomicBool::new(false));
-        let (ends, sender) = (Arc::clone(&end), self.sender.clone());
-        let thread = std::thread::Builder::new()
-            .name("requests".into())
-            .spawn(move || serve(&listener, &sender, &ends))
-            .map_err(failed)?;
-        self.sockets.push(ListeningSocket { end, thread: Some(thread), file: Some(file) });
+        let queue = self.sender.clone();
+        let connect = move |socket| Client {
+            receiver: Receiver::new(),
+            caller: Caller(Arc::new(Mutex::new(Answers { socket, last: None }))),
+            queue: queue.clone(),
+        };
+        self.sockets.push(SocketServer::open(path, connect)?);
         Ok(())
     }
 
@@ -155,61 +136,16 @@ impl RequestMux {
     }
 }
 
-impl Drop for ListeningSocket {
-    fn drop(&mut self) {
-        // Removed while this process still listens, so it is not another's.
-        drop(self.file.take());
-        self.end.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
-    }
-}
-
-/// A client's connection.
-struct Connection {
-    socket: UnixStream,
+/// A connected client.
+struct Client {
     receiver: Receiver,
     caller: Caller,
+    queue: Sender<ClientRequest>,
 }
 
-fn serve(listener: &UnixListener, queue: &Sender<ClientRequest>, end: &AtomicBool) {
-    let mut connections: Vec<Connection> = Vec::new();
-    while !end.load(Ordering::Relaxed) {
-        let waited = {
-            let mut all = vec![PollFd::new(listener, PollFlags::IN)];
-            all.extend(connections.iter().map(|c| PollFd::new(&c.socket, PollFlags::IN)));
-            poll(&mut all, Some(&POLL))
-        };
-        if waited.is_err() {
-            std::thread::sleep(PAUSE);
-        }
-        match listener.accept().and_then(|(socket, _)| Connection::new(socket)) {
-            Ok(connection) => connections.push(connection),
-            Err(error) if error.kind() == io::ErrorKind::WouldBlock => (),
-            Err(_) => std::thread::sleep(PAUSE),
-        }
-        connections.retain_mut(|connection| connection.receive(queue));
-    }
-}
-
-impl Connection {
-    fn new(socket: UnixStream) -> io::Result<Self> {
-        socket.set_nonblocking(true)?;
-        let answers = Answers { socket: socket.try_clone()?, last: None };
-        let caller = Caller(Arc::new(Mutex::new(answers)));
-        Ok(Self { socket, receiver: Receiver::new(), caller })
-    }
-
-    /// Reads what has arrived; returns false when the client has closed the connection.
-    fn receive(&mut self, queue: &Sender<ClientRequest>) -> bool {
-        let mut bytes = [0; 1024];
-        let count = match self.socket.read(&mut bytes) {
-            Ok(0) => return false,
-            Ok(count) => count,
-            Err(error) => return error.kind() == io::ErrorKind::WouldBlock,
-        };
-        for &byte in &bytes[..count] {
+impl Connection for Client {
+    fn receive(&mut self, bytes: &[u8]) -> bool {
+        for &byte in bytes {
             if let Some(Ok(payload)) = self.receiver.push(byte)
                 && let Ok(ToController::Request { id, request }) = frame::decode(payload)
                 && self.caller.is_new(id)
@@ -219,7 +155,7 @@ impl Connection {
                     continue;
                 }
                 let (caller, payload) = (self.caller.clone(), payload.to_vec());
-                if queue.send(ClientRequest { caller, id, payload }).is_err() {
+                if self.queue.send(ClientRequest { caller, id, payload }).is_err() {
                     return false;
                 }
             }
