@@ -59,12 +59,12 @@ fn rejects_a_file_that_is_not_a_policy_with_one_message_and_status_2() {
 }
 
 #[test]
-fn reports_an_output_folder_that_cannot_be_written() {
+fn an_output_folder_that_cannot_be_one_is_bad_input() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("in-the-way");
     std::fs::write(&file, b"").unwrap();
     let output = shore(&file.join("out"), &["--json"]);
     let stderr = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    assert_eq!(output.status.code(), Some(2), "{stderr}");
     assert!(stderr.contains("in-the-way"), "{stderr}");
 }

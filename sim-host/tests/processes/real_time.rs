@@ -141,7 +141,8 @@ fn the_help_states_how_long_a_controller_waits_and_when_it_is_in_its_safe_state(
         let out = place.start("controller", arguments).end().assert_ok().out.clone();
         out.split_whitespace().collect::<Vec<_>>().join(" ")
     };
-    assert!(help(&["--help"]).contains("[default: as long as it takes; with --once, 10]"));
+    let waits = "[default: as long as it takes; with --once, 10 for a missing one]";
+    assert!(help(&["--help"]).contains(waits));
     assert!(help(&["status", "--help"]).contains("[default: 3 for an answer, 10 for an apex]"));
     let safe =
         "After 10 ms without a message, and at least three ticks, the safe command is in force";

@@ -129,13 +129,16 @@ fn processes_with_different_temporary_folders_connect() {
 fn a_run_whose_folder_is_removed_continues_and_its_next_peer_is_missed_with_the_cause() {
     let place = Place::new();
     let within = place.alone(&[&["--in-process"], &LONG_RUN[..]].concat()).end();
-    let simulator = place.simulator(&LONG_RUN);
+    let mut simulator = place.simulator(&LONG_RUN);
     let controller = place.staying(&[]);
     place.wait_for_the_run(None);
+    // It must not end before the others have come.
+    simulator.signal(Signal::STOP);
     fs::remove_dir_all(place.root()).unwrap();
     // Others come and go; none of them can touch the memory of the run.
     let newcomer = place.controller(&["--timeout", "0.7"]).end();
     newcomer.assert(1, &["no simulator", "the folder was removed under a run", "end it"]);
+    simulator.signal(Signal::CONT);
     let simulator = simulator.end();
     assert_eq!(simulator.assert_ok().state_hash(), within.state_hash());
     assert_eq!(simulator.err, "");
