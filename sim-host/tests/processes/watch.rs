@@ -1,6 +1,7 @@
 //! The live view: the real program in a pseudo-terminal beside real runs.
 
-use std::io::{Read, Write};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::os::unix::net::UnixStream;
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -133,17 +134,21 @@ fn watching_does_not_change_a_run_and_can_operate_it() {
 #[test]
 fn a_pause_longer_than_the_timeout_keeps_the_controller_that_was_started() {
     let place = Place::new();
-    let mut watch = Watch::begin(&place);
-    let own = ["--spawn", "--domain", place.domain(), "--set-point", "0.25", "--timeout", "1"];
+    let own = ["--spawn", "--domain", place.domain(), "--timeout", "1"];
     let run = place.alone(&[&["--duration", "80000"], &own[..]].concat());
-    watch.wait_for("+0.25");
-    watch.press(" ");
-    watch.wait_for("PAUSED");
+    place.wait_for_the_run(None);
+    let ask = |request: &str| {
+        let mut socket = UnixStream::connect(place.root().join("leg.sock")).expect("a leg");
+        writeln!(socket, "{{\"request\":\"{request}\"}}").unwrap();
+        let mut answer = String::new();
+        BufReader::new(socket).read_line(&mut answer).unwrap();
+        assert!(answer.starts_with("{\"Ok\""), "{answer}");
+    };
+    ask("pause");
     std::thread::sleep(Duration::from_millis(2500));
-    watch.press("Q");
+    ask("quit");
     let run = run.end();
     assert!(run.assert_ok().out.starts_with("stopped after"), "{}", run.out);
-    watch.leave();
     place.assert_clean();
 }
 
