@@ -50,12 +50,19 @@ impl Watch {
     /// changed cells are drawn, so the text has no blanks between words.
     #[track_caller]
     fn wait_for(&self, text: &str) {
+        self.wait_for_any(&[text]);
+    }
+
+    /// Waits until one of these words is drawn: a word of which a part stood in its place
+    /// before is not drawn in one piece.
+    #[track_caller]
+    fn wait_for_any(&self, words: &[&str]) {
         wait_until(|| {
             let mut screen = self.screen.lock().unwrap();
-            if !screen.contains(text) {
+            if !words.iter().any(|word| screen.contains(word)) {
                 let last: String = screen.chars().rev().take(2000).collect();
                 let last: String = last.chars().rev().collect();
-                return Err(format!("`{text}` is not drawn; the last that was: {last:?}"));
+                return Err(format!("{words:?} is not drawn; the last that was: {last:?}"));
             }
             screen.clear();
             Ok(())
@@ -105,7 +112,7 @@ fn watching_does_not_change_a_run_and_can_operate_it() {
     watch.wait_for("waiting");
     assert!(!place.root().exists(), "it does not create a domain without processes");
     let watched = run("0.25");
-    watch.wait_for("+0.25");
+    watch.wait_for_any(&["height", "+0.25"]);
     watch.press("Q");
     let watched = watched.end();
     let bare = place.alone_for(watched.ticks(), &["--set-point", "0.25"]);
@@ -116,7 +123,7 @@ fn watching_does_not_change_a_run_and_can_operate_it() {
 
     // The next run, by its keys: another set-point, a pause, the end.
     let endless = run("0.75");
-    watch.wait_for("+0.75");
+    watch.wait_for_any(&["height", "+0.75"]);
     watch.press("\u{1b}[A");
     watch.wait_for("key");
     watch.press(" ");
