@@ -22,6 +22,17 @@ fn domain(dir: &tempfile::TempDir) -> Arc<Domain> {
     Domain::join_in(&dir.path().join("base"), "d").unwrap()
 }
 
+#[track_caller]
+fn assert_connects(leg: &mut ShmLeg, domain: &Arc<Domain>) {
+    std::thread::scope(|scope| {
+        let params = SessionParams::at(1000);
+        let controller =
+            scope.spawn(move || ShmController::connect(domain, params, LONG, &Stop::default()));
+        leg.wait_for_peer(Some(LONG), |_| true).unwrap();
+        drop(controller.join().unwrap().unwrap());
+    });
+}
+
 /// Returns the errors of the leg and of the controller when their parameters differ.
 fn connect_errors(leg: SessionParams, controller: SessionParams) -> (ConnectError, ConnectError) {
     let dir = tempfile::tempdir().unwrap();
@@ -178,12 +189,7 @@ fn a_peer_that_ends_while_it_connects_is_forgotten() {
         drop(ports);
     }
     drop((file, listener));
-    std::thread::scope(|scope| {
-        let controller =
-            scope.spawn(|| ShmController::connect(&domain, params, LONG, &Stop::default()));
-        leg.wait_for_peer(Some(LONG), |_| true).unwrap();
-        drop(controller.join().unwrap().unwrap());
-    });
+    assert_connects(&mut leg, &domain);
 }
 
 /// Regression: a controller that ended while the leg opened the memory ended the leg's run.
@@ -204,14 +210,11 @@ fn a_leg_whose_try_to_connect_failed_tries_again_and_names_the_cause() {
     let controller = Channel::new(listener.accept().unwrap().0).unwrap();
     controller.send(&Line::Hello(Hello { pid: 7, params, session: Some(session) }));
     let event = monitor.update().unwrap();
-    assert!(matches!(&event, Some(PeerEvent::Failed(_))), "{event:?}");
+    let Some(PeerEvent::Failed(cause)) = event else { panic!("{event:?}") };
+    let cause = cause.to_string();
+    assert!(cause.contains("cannot create the shared memory in domain `d`"), "{cause}");
     drop((file, listener, controller));
-    std::thread::scope(|scope| {
-        let controller =
-            scope.spawn(|| ShmController::connect(&domain, params, LONG, &Stop::default()));
-        leg.wait_for_peer(Some(LONG), |_| true).unwrap();
-        drop(controller.join().unwrap().unwrap());
-    });
+    assert_connects(&mut leg, &domain);
 }
 
 #[test]
