@@ -62,6 +62,18 @@ pub enum ParameterError {
         /// The refused value.
         value: f64,
     },
+    /// The value is not a number within its range.
+    #[error("{name} is {value}; it must be a number from {least} to {most}")]
+    OutOfRange {
+        /// Name of the parameter, with its unit.
+        name: &'static str,
+        /// The refused value.
+        value: f64,
+        /// The least value.
+        least: f64,
+        /// The largest value.
+        most: f64,
+    },
 }
 
 /// Checks that a value is finite and above 0.
@@ -79,6 +91,19 @@ pub(crate) fn check_not_negative(name: &'static str, value: f64) -> Result<(), P
         Ok(())
     } else {
         Err(ParameterError::Negative { name, value })
+    }
+}
+
+/// Checks that a value is within a range.
+pub(crate) fn check_within(
+    name: &'static str,
+    value: f64,
+    [least, most]: [f64; 2],
+) -> Result<(), ParameterError> {
+    if value >= least && value <= most {
+        Ok(())
+    } else {
+        Err(ParameterError::OutOfRange { name, value, least, most })
     }
 }
 

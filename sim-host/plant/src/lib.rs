@@ -6,10 +6,12 @@
 extern crate std;
 
 mod apex;
+mod contact;
 mod elongation;
 mod flight;
 mod ground;
 mod leg;
+mod losses;
 mod medium;
 mod pair;
 mod roots;
@@ -22,5 +24,6 @@ pub use apex::{
 };
 pub use ground::{Flat, Ground};
 pub use leg::{EARTH_GRAVITY_M_S2, Leg, LegParameters, ParameterError, REFERENCE_DENSITY_KG_M3};
+pub use losses::Losses;
 pub use medium::Medium;
 pub use tick::{Body, Event, EventKind, LegCommand, Phase, TickEvents, TickPlant};

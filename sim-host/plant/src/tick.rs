@@ -1,7 +1,7 @@
 //! The plant one tick at a time, as a controller drives it.
 //!
 //! The equations are those of the apex map. The command is held over a tick, a tick may be of any
-//! length, and the events inside it are located to the integrator's tolerance. Two things go
+//! length, and the events inside it are located to the integrator's tolerance. Three things go
 //! beyond the apex map:
 //!
 //! * **The elongation is commanded** as a ramp over the tick. In flight it changes only what a
@@ -14,6 +14,10 @@
 //!   that is the touchdown. A foot that is below the ground when the descent begins stays folded
 //!   and carries no load until it is above the ground again. If it never is, the body falls, as in
 //!   the apex map from an apex lower than the leg.
+//! * **The leg may have [`Losses`]**: damping, a foot with a mass, and friction. Without them,
+//!   which is the default, nothing of this is computed.
+
+mod standing;
 
 use smallvec::SmallVec;
 
@@ -22,11 +26,10 @@ use crate::elongation::Elongation;
 use crate::flight::Flight;
 use crate::ground::Ground;
 use crate::leg::Leg;
+use crate::losses::Losses;
 use crate::medium::Medium;
-use crate::pair::Pair;
 use crate::roots::falling_root;
-use crate::stance::{Corner, Segment};
-use crate::taylor::{Field, Jet, State};
+use crate::taylor::Field;
 
 /// Number of segments that bounds the work of one tick. A leg that needs more counts as fallen, as
 /// it does after an overflow.
@@ -123,8 +126,14 @@ impl core::ops::Deref for TickEvents {
 #[derive(Clone, Debug)]
 pub struct TickPlant {
     leg: Leg,
+    losses: Losses,
     body: Body,
     phase: Phase,
+    /// Velocity of a foot that slides, 0 otherwise.
+    foot_vx_m_s: f64,
+    /// A foot at rest is about to slide.
+    foot_slips: bool,
+    slid_m: f64,
     /// Rest length with the elongation at the end of the last tick.
     unloaded_length_m: f64,
     /// The last leg angle of this descent at which the foot was above the ground.
@@ -138,6 +147,7 @@ struct Tick<'a, G> {
     field: Field,
     elongation: Elongation,
     angle_rad: f64,
+    gravity_m_s2: f64,
     ground: &'a G,
     end_s: f64,
 }
@@ -148,12 +158,23 @@ impl TickPlant {
     pub fn new(leg: Leg, body: Body) -> Self {
         Self {
             leg,
+            losses: Losses::NONE,
             body,
             phase: Phase::Flight,
+            foot_vx_m_s: 0.0,
+            foot_slips: false,
+            slid_m: 0.0,
             unloaded_length_m: leg.parameters().rest_length_m,
             clear_angle_rad: None,
             tolerance: Tolerance::default(),
         }
+    }
+
+    /// Sets the losses of the leg.
+    #[must_use]
+    pub const fn with_losses(mut self, losses: Losses) -> Self {
+        self.losses = losses;
+        self
     }
 
     /// Returns the body at the end of the last tick.
@@ -172,6 +193,25 @@ impl TickPlant {
     #[must_use]
     pub const fn leg(&self) -> &Leg {
         &self.leg
+    }
+
+    /// Returns the losses of the leg.
+    #[must_use]
+    pub const fn losses(&self) -> &Losses {
+        &self.losses
+    }
+
+    /// Returns the velocity of the foot on the ground, m/s; 0 unless it slides.
+    #[must_use]
+    pub const fn foot_vx_m_s(&self) -> f64 {
+        self.foot_vx_m_s
+    }
+
+    /// Returns how far the foot has slid on the ground since the start, m. A massless foot leaves
+    /// the ground at once in place of sliding.
+    #[must_use]
+    pub const fn slid_m(&self) -> f64 {
+        self.slid_m
     }
 
     /// Returns the leg length that a sensor on the leg measures, m. In stance this is the distance
@@ -203,11 +243,17 @@ impl TickPlant {
             return events;
         }
         let p = self.leg.parameters();
-        let flight = Flight::new(&self.leg, medium);
+        let standing = Flight::new(&self.leg, medium);
+        let foot_mass_kg = self.losses.foot_mass_kg;
+        let flight = if foot_mass_kg > 0.0 {
+            Flight::with_foot(&self.leg, medium, foot_mass_kg)
+        } else {
+            standing
+        };
         let follows = command.elongation_m.is_finite() && command.elongation_rate_m_s.is_finite();
         let tick = Tick {
             flight,
-            field: Field::new(&self.leg, &flight),
+            field: Field::new(&self.leg, &standing),
             elongation: Elongation {
                 rest_length_m: p.rest_length_m,
                 max_m: p.max_elongation_m,
@@ -215,6 +261,7 @@ impl TickPlant {
                 rate_m_s: if follows { command.elongation_rate_m_s } else { 0.0 },
             },
             angle_rad: command.leg_angle_rad,
+            gravity_m_s2: medium.gravity_m_s2(),
             ground,
             end_s: dt_s,
         };
@@ -308,69 +355,19 @@ impl TickPlant {
         end_s
     }
 
-    /// Continues a stance to the end of the tick or the next corner, and returns the time of that.
-    fn stand<G: Ground>(
-        &mut self,
-        tick: &Tick<'_, G>,
-        from_s: f64,
-        foot: [f64; 2],
-        known_length_m: Option<f64>,
-        events: &mut TickEvents,
-    ) -> f64 {
-        let start = State {
-            position_m: Pair([self.body.x_m - foot[0], self.body.y_m - foot[1]]),
-            velocity_m_s: Pair([self.body.vx_m_s, self.body.vy_m_s]),
-        };
-        let body_at = |state: &State| Body {
-            x_m: foot[0] + state.position_m[0],
-            vx_m_s: state.velocity_m_s[0],
-            y_m: foot[1] + state.position_m[1],
-            vy_m_s: state.velocity_m_s[1],
-        };
-        let (ramp, corner_s) = tick.elongation.ramp(from_s);
-        let until_s = corner_s.min(tick.end_s);
-        let limit_s = until_s - from_s;
-        let mut jet = Jet::new();
-        let segment = Segment::integrate(
-            &mut jet,
-            &tick.field,
-            &start,
-            ramp,
-            known_length_m,
-            limit_s,
-            self.tolerance.velocity_m_s,
-        );
-        let end = body_at(&segment.state);
-        if tick.body_height_over_ground(&end) <= 0.0 {
-            let height = |t_s| tick.body_height_over_ground(&body_at(&jet.at(t_s)));
-            let t_s = falling_root(height, 0.0, segment.t_s);
-            self.fall(from_s + t_s, body_at(&jet.at(t_s)), events);
-            return from_s + t_s;
-        }
-        let t_s = if segment.t_s == limit_s { until_s } else { from_s + segment.t_s };
-        self.body = end;
-        match segment.corner {
-            Corner::LiftOff => {
-                self.phase = Phase::Flight;
-                self.clear_angle_rad = None;
-                events.push(EventKind::LiftOff, t_s, end);
-            }
-            Corner::Apex => events.push(EventKind::Apex, t_s, end),
-            Corner::Limit | Corner::HorizontalTurn | Corner::Bottom => {}
-        }
-        t_s
-    }
-
     fn land(&mut self, t_s: f64, body: Body, angle_rad: f64, events: &mut TickEvents) {
         let [foot_x_m, foot_y_m] = foot(&body, angle_rad, &self.leg);
         self.body = body;
         self.phase = Phase::Stance { foot_x_m, foot_y_m };
+        self.foot_vx_m_s = self.losses.foot_after_touchdown_m_s(body.vx_m_s, body.vy_m_s);
         events.push(EventKind::Touchdown { foot_x_m, foot_y_m }, t_s, body);
     }
 
     fn fall(&mut self, t_s: f64, body: Body, events: &mut TickEvents) {
         events.push(EventKind::Fall, t_s, body);
         self.phase = Phase::Fallen;
+        self.foot_vx_m_s = 0.0;
+        self.foot_slips = false;
         self.body = Body { vx_m_s: 0.0, vy_m_s: 0.0, ..body };
     }
 }

@@ -21,6 +21,9 @@ pub enum FaultKind {
     Saturate,
     Mass,
     Stiffness,
+    Damping,
+    FootMass,
+    Friction,
     Ground,
     Medium,
 }
@@ -40,7 +43,7 @@ const SENSOR: &str = "samples";
 const ACTUATOR: &str = "commands";
 const WORLD: &str = "the leg, the ground and the medium";
 
-const TABLE: [KindInfo; 17] = [
+const TABLE: [KindInfo; 20] = [
     KindInfo {
         kind: FaultKind::Drop,
         name: "drop",
@@ -162,6 +165,30 @@ const TABLE: [KindInfo; 17] = [
         about: "stiffness of the spring over the stiffness that the controller is configured for",
     },
     KindInfo {
+        kind: FaultKind::Damping,
+        name: "damping",
+        value: "N s/m, 0 to 1000",
+        keys: &[],
+        acts: WORLD,
+        about: "damping of the spring along the leg; the controller is configured for none",
+    },
+    KindInfo {
+        kind: FaultKind::FootMass,
+        name: "foot-mass",
+        value: "kg, 0 or 0.001 to 10",
+        keys: &[],
+        acts: WORLD,
+        about: "mass of the foot, whose momentum is lost at touchdown and taken from the body at lift-off",
+    },
+    KindInfo {
+        kind: FaultKind::Friction,
+        name: "friction",
+        value: "coefficient, 0.05 to 2",
+        keys: &[],
+        acts: WORLD,
+        about: "largest horizontal force of the ground over the vertical one, beyond which the foot slips; one without foot-mass then loses its load at once",
+    },
+    KindInfo {
         kind: FaultKind::Ground,
         name: "ground",
         value: "steps, slope, sine or rough",
@@ -199,7 +226,13 @@ impl FaultKind {
     #[must_use]
     pub fn counted(self) -> &'static str {
         match self {
-            Self::Mass | Self::Stiffness | Self::Medium | Self::Freeze => "ticks",
+            Self::Mass
+            | Self::Stiffness
+            | Self::Damping
+            | Self::FootMass
+            | Self::Friction
+            | Self::Medium
+            | Self::Freeze => "ticks",
             Self::Ground => "touchdowns above or below 0",
             Self::Noise | Self::Bias | Self::Stuck | Self::Nan => "samples",
             Self::Lag | Self::Saturate => "commands",

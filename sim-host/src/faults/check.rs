@@ -8,6 +8,8 @@ use crate::faults::stage::actuator::Limit;
 use crate::faults::stage::message::FreezeMode;
 use crate::faults::stage::sensor::{Reading, ReadingFault, StuckTarget};
 
+use leg_plant::Losses;
+
 use super::catalog::FaultKind;
 use super::setting::{FaultError, FaultSetting};
 use super::{
@@ -35,13 +37,13 @@ impl Faults {
         settings: &[FaultSetting],
         run: &RunParameters,
     ) -> Result<Self, FaultError> {
-        let mut all = Vec::with_capacity(settings.len());
-        let mut grounds = 0;
+        let mut all: Vec<Fault> = Vec::with_capacity(settings.len());
         for setting in settings {
             let effect = Checker { setting, run }.effect()?;
-            grounds += u32::from(matches!(effect, FaultEffect::Ground(_)));
-            if grounds > 1 {
-                return Err(FaultError(format!("{setting}: a run can have only one ground fault")));
+            if effect.is_single() && all.iter().any(|fault| fault.setting.kind == setting.kind) {
+                let name = setting.kind.name();
+                let what = format!("{setting}: a run can have only one {name} fault");
+                return Err(FaultError(what));
             }
             all.push(Fault { setting: setting.clone(), effect });
         }
@@ -124,6 +126,17 @@ impl Checker<'_> {
             }
             FaultKind::Mass => Ok(FaultEffect::Mass(self.factor()?)),
             FaultKind::Stiffness => Ok(FaultEffect::Stiffness(self.factor()?)),
+            FaultKind::Damping => Ok(FaultEffect::Damping(self.number(
+                "value",
+                self.value(),
+                0.0..=Losses::MAX_DAMPING_N_S_M,
+            )?)),
+            FaultKind::FootMass => self.foot_mass(),
+            FaultKind::Friction => Ok(FaultEffect::Friction(self.number(
+                "value",
+                self.value(),
+                Losses::MIN_FRICTION..=Losses::MAX_FRICTION,
+            )?)),
             FaultKind::Ground => self.ground(),
             FaultKind::Medium => self.medium(),
         }
@@ -164,6 +177,16 @@ impl Checker<'_> {
 
     fn factor(&self) -> Result<f64, FaultError> {
         self.number("value", self.value(), 0.1..=10.0)
+    }
+
+    fn foot_mass(&self) -> Result<FaultEffect, FaultError> {
+        let (least, most) = (Losses::MIN_FOOT_MASS_KG, Losses::MAX_FOOT_MASS_KG);
+        let allowed = |kg: &f64| *kg == 0.0 || (least..=most).contains(kg);
+        let kg = self.value().parse().ok().filter(allowed).ok_or_else(|| {
+            let limit = format!("it must be 0 or a number from {least} to {most}");
+            self.bad("value", self.value(), limit)
+        })?;
+        Ok(FaultEffect::FootMass(kg))
     }
 
     fn chance(&self) -> Result<f64, FaultError> {

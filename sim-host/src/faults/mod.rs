@@ -14,6 +14,7 @@ use crate::faults::stage::sensor::{
     ContactNoise, FaultyReadings, Reading, ReadingFault, Stuck, StuckTarget,
 };
 use crate::faults::stage::{FaultPipeline, FaultPlan, FaultRng, FaultStage, Window, WireMessage};
+use leg_plant::Losses;
 use serde::Serialize;
 
 pub use catalog::{FaultKind, help};
@@ -42,8 +43,18 @@ enum FaultEffect {
     Actuator { fault: ActuatorFault, window: Window },
     Mass(f64),
     Stiffness(f64),
+    Damping(f64),
+    FootMass(f64),
+    Friction(f64),
     Ground(Terrain),
     Medium { density_ratio: f64, from: Trigger, until: Option<Trigger> },
+}
+
+impl FaultEffect {
+    /// Returns true if a run can have only one fault of this kind.
+    fn is_single(&self) -> bool {
+        matches!(self, Self::Damping(_) | Self::FootMass(_) | Self::Friction(_) | Self::Ground(_))
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -145,6 +156,9 @@ impl Faults {
                 }
                 FaultEffect::Mass(_)
                 | FaultEffect::Stiffness(_)
+                | FaultEffect::Damping(_)
+                | FaultEffect::FootMass(_)
+                | FaultEffect::Friction(_)
                 | FaultEffect::Ground(_)
                 | FaultEffect::Medium { .. } => (),
             }
@@ -159,6 +173,19 @@ impl Faults {
             FaultEffect::Mass(factor) => [mass * factor, stiffness],
             FaultEffect::Stiffness(factor) => [mass, stiffness * factor],
             _ => [mass, stiffness],
+        })
+    }
+
+    /// Returns the losses of the simulated leg.
+    pub(crate) fn losses(&self) -> Losses {
+        self.all.iter().fold(Losses::NONE, |losses, fault| {
+            let with = match fault.effect {
+                FaultEffect::Damping(n_s_m) => losses.with_damping(n_s_m),
+                FaultEffect::FootMass(kg) => losses.with_foot_mass(kg),
+                FaultEffect::Friction(coefficient) => losses.with_friction(coefficient),
+                _ => Ok(losses),
+            };
+            with.expect("checked with the settings, by the same limits")
         })
     }
 
@@ -193,7 +220,11 @@ impl Faults {
         let count = |(id, fault): (usize, &Fault)| FaultCount {
             fault: fault.setting.to_string(),
             touched: match fault.effect {
-                FaultEffect::Mass(_) | FaultEffect::Stiffness(_) => world.ticks,
+                FaultEffect::Mass(_)
+                | FaultEffect::Stiffness(_)
+                | FaultEffect::Damping(_)
+                | FaultEffect::FootMass(_)
+                | FaultEffect::Friction(_) => world.ticks,
                 FaultEffect::Ground(_) => world.uneven_touchdowns,
                 FaultEffect::Medium { .. } => world.medium_ticks.get(id).copied().unwrap_or(0),
                 _ => 0,

@@ -96,6 +96,11 @@ fn an_invalid_fault_is_refused_with_the_valid_values() {
         ("nan=0.1,field=contact", ["field is contact", "noise and stuck"]),
         ("saturate=1", ["field is missing", "angle, angle-rate or elongation-rate"]),
         ("mass=0", ["mass is 0", "from 0.1 to 10"]),
+        ("damping=1001", ["damping is 1001", "from 0 to 1000"]),
+        ("foot-mass=0.0001", ["foot-mass is 0.0001", "0 or a number from 0.001 to 10"]),
+        ("foot-mass=NaN", ["foot-mass is NaN", "0 or a number from 0.001 to 10"]),
+        ("friction=0", ["friction is 0", "from 0.05 to 2"]),
+        ("friction=0.5,from=2", ["`friction` has no key `from`", "its keys are: none"]),
         ("ground=hills", ["ground is hills", "steps, slope, sine or rough"]),
         ("ground=slope,height=1", ["ground=slope", "has no height"]),
         ("medium=3", ["medium is 3", "from 0 to 2"]),
@@ -104,9 +109,17 @@ fn an_invalid_fault_is_refused_with_the_valid_values() {
         let message = refusal(fault);
         assert!(parts.iter().all(|part| message.contains(part)), "{fault}: {message}");
     }
-    let two = "[[fault]]\nground = \"rough\"\n[[fault]]\nground = \"sine\"";
-    let refused = Scenario::from_settings(&Settings::from_toml(two).unwrap()).unwrap_err();
-    assert!(refused.to_string().contains("only one ground"), "{refused}");
+    for (kind, values) in [
+        ("ground", ["\"rough\"", "\"sine\""]),
+        ("damping", ["50", "60.0"]),
+        ("foot-mass", ["1", "2"]),
+        ("friction", ["1", "2"]),
+    ] {
+        let two = values.map(|value| format!("[[fault]]\n{kind} = {value}\n")).concat();
+        let refused = Scenario::from_settings(&Settings::from_toml(&two).unwrap()).unwrap_err();
+        let what = format!("a run can have only one {kind} fault");
+        assert!(refused.to_string().contains(&what), "{refused}");
+    }
 }
 
 #[test]
@@ -170,6 +183,30 @@ fn a_leg_fault_changes_the_simulated_leg_and_not_the_controllers_model() {
         (played.played_leg().parameters().mass_kg, played.played_leg().parameters().stiffness_n_m);
     assert_eq!((mass_kg, stiffness_n_m), (120.0, 10_000.0));
     assert_eq!(configured.played_leg(), configured.leg);
+}
+
+#[test]
+fn losses_act_on_the_simulated_leg_alone_and_at_rest_change_no_bit() {
+    let plain = scenario(SHORT);
+    let with = |faults: &str| scenario(&format!("{SHORT}{faults}"));
+    let at_rest = with("[[fault]]\ndamping = 0\n[[fault]]\nfoot-mass = 0\n[[fault]]\nfriction = 2");
+    assert_eq!(play(&at_rest).state_hash, play(&plain).state_hash);
+    let lossy =
+        with("[[fault]]\ndamping = 50\n[[fault]]\nfoot-mass = 2\n[[fault]]\nfriction = 0.6");
+    assert_eq!(lossy.session_params(), plain.session_params());
+    let plant = lossy.plant();
+    let losses = plant.losses();
+    assert_eq!((losses.damping_n_s_m(), losses.foot_mass_kg()), (50.0, 2.0));
+    assert_eq!(losses.friction(), Some(0.6));
+    let outcome = play(&lossy);
+    assert_eq!(outcome.faults.iter().map(|row| row.touched).collect::<Vec<_>>(), [6000; 3]);
+    assert_eq!(outcome.state_hash, play(&lossy).state_hash);
+    // In water the leg leans more than on land.
+    let in_water = play(&with("medium = \"water\"")).state_hash;
+    for one in ["damping = 50", "foot-mass = 2", "friction = 0.1"] {
+        let hash = play(&with(&format!("medium = \"water\"\n[[fault]]\n{one}"))).state_hash;
+        assert_ne!(hash, in_water, "{one}");
+    }
 }
 
 #[test]

@@ -22,7 +22,7 @@ pub use profile::{Profile, SetPointCursor, SetPointStep, SetPoints};
 pub use settings::{DensitySense, LegPreset, MediumPreset, Points, Settings, StartSettings, Steps};
 
 use crate::faults::{self, Faults};
-use leg_plant::{Body, Ground, Leg, Medium};
+use leg_plant::{Body, Ground, Leg, Medium, TickPlant};
 
 /// Longest run, s.
 const MAX_DURATION_S: f64 = 86_400.0;
@@ -121,6 +121,13 @@ impl Scenario {
         parameters.mass_kg *= mass;
         parameters.stiffness_n_m *= stiffness;
         Leg::new(parameters).unwrap_or(self.leg)
+    }
+
+    /// Returns the plant at the start of the run: the leg to be played, with the losses that
+    /// faults give it.
+    #[must_use]
+    pub fn plant(&self) -> TickPlant {
+        TickPlant::new(self.played_leg(), self.start).with_losses(self.faults.losses())
     }
 
     /// Returns the medium at `x_m`.

@@ -80,7 +80,7 @@ impl<'a> Leg<'a> {
             run_id,
             set_points: scenario.set_points.begin(scenario.start.x_m),
             override_m_s: None,
-            plant: TickPlant::new(scenario.played_leg(), scenario.start),
+            plant: scenario.plant(),
             medium: scenario.medium_at(scenario.start.x_m),
             terrain: scenario.faults.terrain(),
             changes_medium: scenario.faults.changes_medium(),
@@ -164,7 +164,7 @@ impl<'a> Leg<'a> {
         self.seq = 0;
         let start = self.scenario.start;
         self.set_points = self.scenario.set_points.begin(start.x_m);
-        self.plant = TickPlant::new(self.scenario.played_leg(), start);
+        self.plant = self.scenario.plant();
         self.update_medium();
         self.hold.reset();
         self.update_sample();
