@@ -11,7 +11,7 @@ use leg_control::command::LegCommand;
 use leg_control::config::Config;
 use leg_control::control::Controller;
 use leg_control::leg::LegModel;
-use leg_control::measurement::{Contact, Measurement};
+use leg_control::measurement::{Contact, Measurement, Sensors};
 use leg_control::policy::{Policy, SHIPPED};
 
 const RATE_HZ: u32 = 1_000;
@@ -42,6 +42,7 @@ impl Leg {
             vy_m_s: self.vy_m_s,
             contact: Contact::Sensed(self.foot_x_m.is_some()),
             density_ratio: None,
+            sensors: Sensors::default(),
         }
     }
 

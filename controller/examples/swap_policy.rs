@@ -8,7 +8,7 @@
 use leg_control::command::Status;
 use leg_control::config::Config;
 use leg_control::control::Controller;
-use leg_control::measurement::{Contact, Measurement};
+use leg_control::measurement::{Contact, Measurement, Sensors};
 use leg_control::policy::{Policy, SHIPPED, write};
 
 /// A leg that hops in place, with an apex every 500 ms.
@@ -22,6 +22,7 @@ fn hopping(tick: u64) -> Measurement {
         vy_m_s: -0.25 * 2.0 * core::f32::consts::TAU * phase.sin(),
         contact: Contact::Sensed(y_m < 0.99),
         density_ratio: Some(0.0),
+        sensors: Sensors::default(),
     }
 }
 

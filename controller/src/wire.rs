@@ -10,11 +10,11 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::command::{LegCommand, Status, Telemetry};
 use crate::guard::Counts;
-use crate::measurement::{Contact, Measurement};
+use crate::measurement::{Aged, Contact, LegPosture, Measurement, Sensors, SpecificImpulse};
 use serde::{Deserialize, Serialize};
 
 /// The version of every message here. Raised when any field changes.
-pub const WIRE_VERSION: u16 = 1;
+pub const WIRE_VERSION: u16 = 2;
 
 /// Bits of [`Header::flags`].
 pub mod flags {
@@ -28,6 +28,28 @@ pub mod flags {
     pub const DENSITY_SENSED: u16 = 1 << 3;
     /// Sample: the run is over, in good order. Carries no reading and asks for no command.
     pub const END: u16 = 1 << 4;
+    /// Sample: `vx_m_s` is measured.
+    pub const VX_SENSED: u16 = 1 << 5;
+    /// Sample: `y_m` is measured.
+    pub const Y_SENSED: u16 = 1 << 6;
+    /// Sample: `vy_m_s` is measured.
+    pub const VY_SENSED: u16 = 1 << 7;
+    /// Sample: velocities and height are measured.
+    pub const STATE_SENSED: u16 = VX_SENSED | Y_SENSED | VY_SENSED;
+    /// Sample: `sensors.impulse` is measured.
+    pub const IMPULSE_SENSED: u16 = 1 << 9;
+    /// Sample: `sensors.pitch_rad` is measured.
+    pub const PITCH_SENSED: u16 = 1 << 10;
+    /// Sample: `sensors.leg_angle_rad` is measured.
+    pub const LEG_ANGLE_SENSED: u16 = 1 << 11;
+    /// Sample: `sensors.velocity_m_s` is measured.
+    pub const VELOCITY_SENSED: u16 = 1 << 12;
+    /// Sample: `sensors.height_m` is measured.
+    pub const HEIGHT_SENSED: u16 = 1 << 13;
+    /// Sample: `sensors.pressure_pa` is measured.
+    pub const PRESSURE_SENSED: u16 = 1 << 14;
+    /// Sample: `sensors.pitch_rate_rad_s` is measured.
+    pub const PITCH_RATE_SENSED: u16 = 1 << 15;
     /// Command: the guard has taken over, this is the safe command.
     pub const SAFE: u16 = 1 << 8;
 }
@@ -56,44 +78,128 @@ pub struct Sample {
     pub header: Header,
     /// Wanted mean horizontal velocity, m/s.
     pub set_point_m_s: f32,
-    /// Horizontal velocity of the mass, m/s.
+    /// Horizontal velocity of the mass, m/s; read with [`flags::VX_SENSED`].
     pub vx_m_s: f32,
-    /// Height of the mass above the ground, m.
+    /// Height of the mass above the ground, m; read with [`flags::Y_SENSED`].
     pub y_m: f32,
-    /// Vertical velocity of the mass, m/s.
+    /// Vertical velocity of the mass, m/s; read with [`flags::VY_SENSED`].
     pub vy_m_s: f32,
     /// Length of the leg from foot to mass, m (in flight that of the unloaded
     /// leg, its elongation included); read with [`flags::LEG_LENGTH_SENSED`].
     pub leg_length_m: f32,
     /// Fluid density over that of water; read with [`flags::DENSITY_SENSED`].
     pub density_ratio: f32,
+    /// Readings of a leg that does not sense its state itself.
+    #[serde(with = "sensors_on_the_line")]
+    pub sensors: SensorReadings,
+}
+
+/// What a leg feels that does not sense its state itself; see
+/// [`Sensors`](crate::measurement::Sensors). A field is read with its flag.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable, Serialize, Deserialize)]
+pub struct SensorReadings {
+    /// Orientation of the body, rad.
+    pub pitch_rad: f32,
+    /// Rate of the pitch, rad/s.
+    pub pitch_rate_rad_s: f32,
+    /// Angle of the leg from the body's +x axis, rad; read with the leg length only.
+    pub leg_angle_rad: f32,
+    /// Integral of the specific force along the body's x and y axes, 2^-16 m/s; it wraps.
+    pub impulse: [i32; 2],
+    /// Velocity over the ground, m/s: horizontal, vertical.
+    pub velocity_m_s: [f32; 2],
+    /// Height above the ground, m.
+    pub height_m: f32,
+    /// Pressure of the fluid, Pa.
+    pub pressure_pa: f32,
+    /// Time from the reading of the velocity to that of the sample, ns.
+    pub velocity_age_ns: u32,
+    /// Time from the reading of the height to that of the sample, ns.
+    pub height_age_ns: u32,
+    /// Time from the reading of the pressure to that of the sample, ns.
+    pub pressure_age_ns: u32,
+}
+
+/// On the serial line the readings of a leg without such sensors, all of whose bits are 0,
+/// take one byte: an option.
+mod sensors_on_the_line {
+    use super::SensorReadings;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub(super) fn serialize<S: Serializer>(
+        sensors: &SensorReadings,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
+        let is_empty = bytemuck::bytes_of(sensors).iter().all(|&byte| byte == 0);
+        (!is_empty).then_some(sensors).serialize(serializer)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<SensorReadings, D::Error> {
+        Option::deserialize(deserializer).map(Option::unwrap_or_default)
+    }
+}
+
+/// Returns a reading, or 0 where it is not sensed.
+fn sensed_or_zero(reading: f32) -> f32 {
+    if reading.is_nan() { 0.0 } else { reading }
 }
 
 impl Sample {
     /// Returns the message of a measurement and a set-point, m/s: tick `seq` of run `run_id`.
     #[must_use]
     pub fn new(run_id: u32, seq: u64, measurement: &Measurement, set_point_m_s: f32) -> Self {
-        let &Measurement { t_ns, vx_m_s, y_m, vy_m_s, contact, density_ratio } = measurement;
-        let (contact_flags, leg_length_m) = match contact {
-            Contact::Sensed(true) => (flags::CONTACT_SENSED | flags::IN_CONTACT, 0.0),
-            Contact::Sensed(false) => (flags::CONTACT_SENSED, 0.0),
-            Contact::LegLength(length_m) => (flags::LEG_LENGTH_SENSED, length_m),
+        let &Measurement { t_ns, vx_m_s, y_m, vy_m_s, contact, density_ratio, sensors } =
+            measurement;
+        let (contact_flags, length_m) = match contact {
+            Contact::Sensed(true) => (flags::CONTACT_SENSED | flags::IN_CONTACT, None),
+            Contact::Sensed(false) => (flags::CONTACT_SENSED, None),
+            Contact::LegLength(length_m) => (0, Some(length_m)),
         };
-        let density_flag = if density_ratio.is_some() { flags::DENSITY_SENSED } else { 0 };
+        let Sensors { impulse, pitch_rad, pitch_rate_rad_s, posture, .. } = sensors;
+        let Sensors { velocity_m_s, height_m, pressure_pa, .. } = sensors;
+        let length_m = posture.map(|posture| posture.length_m).or(length_m);
+        let flag = |flag: u16, is_sensed: bool| if is_sensed { flag } else { 0 };
+        let sensed = flag(flags::VX_SENSED, !vx_m_s.is_nan())
+            | flag(flags::Y_SENSED, !y_m.is_nan())
+            | flag(flags::VY_SENSED, !vy_m_s.is_nan())
+            | flag(flags::LEG_LENGTH_SENSED, length_m.is_some())
+            | flag(flags::DENSITY_SENSED, density_ratio.is_some())
+            | flag(flags::IMPULSE_SENSED, impulse.is_some())
+            | flag(flags::PITCH_SENSED, pitch_rad.is_some())
+            | flag(flags::PITCH_RATE_SENSED, pitch_rate_rad_s.is_some())
+            | flag(flags::LEG_ANGLE_SENSED, posture.is_some())
+            | flag(flags::VELOCITY_SENSED, velocity_m_s.is_some())
+            | flag(flags::HEIGHT_SENSED, height_m.is_some())
+            | flag(flags::PRESSURE_SENSED, pressure_pa.is_some());
         Self {
             header: Header {
                 version: WIRE_VERSION,
-                flags: contact_flags | density_flag,
+                flags: contact_flags | sensed,
                 run_id,
                 seq,
                 t_ns,
             },
             set_point_m_s,
-            vx_m_s,
-            y_m,
-            vy_m_s,
-            leg_length_m,
+            vx_m_s: sensed_or_zero(vx_m_s),
+            y_m: sensed_or_zero(y_m),
+            vy_m_s: sensed_or_zero(vy_m_s),
+            leg_length_m: length_m.unwrap_or(0.0),
             density_ratio: density_ratio.unwrap_or(0.0),
+            sensors: SensorReadings {
+                pitch_rad: pitch_rad.unwrap_or(0.0),
+                pitch_rate_rad_s: pitch_rate_rad_s.unwrap_or(0.0),
+                leg_angle_rad: posture.map_or(0.0, |posture| posture.angle_rad),
+                impulse: impulse.unwrap_or_default().0,
+                velocity_m_s: velocity_m_s.map_or([0.0; 2], |aged| aged.value),
+                height_m: height_m.map_or(0.0, |aged| aged.value),
+                pressure_pa: pressure_pa.map_or(0.0, |aged| aged.value),
+                velocity_age_ns: velocity_m_s.map_or(0, |aged| aged.age_ns),
+                height_age_ns: height_m.map_or(0, |aged| aged.age_ns),
+                pressure_age_ns: pressure_pa.map_or(0, |aged| aged.age_ns),
+            },
         }
     }
 
@@ -109,14 +215,43 @@ impl Sample {
         } else {
             return None;
         };
+        let state = |flag, reading| if self.has(flag) { reading } else { f32::NAN };
         Some(Measurement {
             t_ns: self.header.t_ns,
-            vx_m_s: self.vx_m_s,
-            y_m: self.y_m,
-            vy_m_s: self.vy_m_s,
+            vx_m_s: state(flags::VX_SENSED, self.vx_m_s),
+            y_m: state(flags::Y_SENSED, self.y_m),
+            vy_m_s: state(flags::VY_SENSED, self.vy_m_s),
             contact,
             density_ratio: self.has(flags::DENSITY_SENSED).then_some(self.density_ratio),
+            sensors: self.sensors(),
         })
+    }
+
+    /// Returns the readings of [`Self::sensors`] that the flags declare.
+    #[inline]
+    fn sensors(&self) -> Sensors {
+        let readings = &self.sensors;
+        let has_posture = self.has(flags::LEG_LENGTH_SENSED | flags::LEG_ANGLE_SENSED);
+        Sensors {
+            impulse: self.has(flags::IMPULSE_SENSED).then_some(SpecificImpulse(readings.impulse)),
+            pitch_rad: self.has(flags::PITCH_SENSED).then_some(readings.pitch_rad),
+            pitch_rate_rad_s: self
+                .has(flags::PITCH_RATE_SENSED)
+                .then_some(readings.pitch_rate_rad_s),
+            posture: has_posture.then_some(LegPosture {
+                length_m: self.leg_length_m,
+                angle_rad: readings.leg_angle_rad,
+            }),
+            velocity_m_s: self
+                .has(flags::VELOCITY_SENSED)
+                .then_some(Aged { value: readings.velocity_m_s, age_ns: readings.velocity_age_ns }),
+            height_m: self
+                .has(flags::HEIGHT_SENSED)
+                .then_some(Aged { value: readings.height_m, age_ns: readings.height_age_ns }),
+            pressure_pa: self
+                .has(flags::PRESSURE_SENSED)
+                .then_some(Aged { value: readings.pressure_pa, age_ns: readings.pressure_age_ns }),
+        }
     }
 
     /// Returns whether the leg senses that its foot is on the ground.
@@ -132,8 +267,9 @@ impl Sample {
         self.header.flags == flags::END
     }
 
-    fn has(&self, flag: u16) -> bool {
-        self.header.flags & flag != 0
+    /// Returns whether every flag of `flags` is set.
+    fn has(&self, flags: u16) -> bool {
+        self.header.flags & flags == flags
     }
 }
 
@@ -217,5 +353,6 @@ impl Command {
 }
 
 const _: () = assert!(size_of::<Header>() == 24);
-const _: () = assert!(size_of::<Sample>() == 48);
+const _: () = assert!(size_of::<SensorReadings>() == 48);
+const _: () = assert!(size_of::<Sample>() == 96);
 const _: () = assert!(size_of::<Command>() == 64);

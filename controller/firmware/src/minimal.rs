@@ -18,7 +18,7 @@ use cortex_m_rt::{entry, exception};
 use leg_control::command::LegCommand;
 use leg_control::config::Config;
 use leg_control::control::Controller;
-use leg_control::measurement::{Contact, Measurement};
+use leg_control::measurement::{Contact, Measurement, Sensors};
 use leg_control::policy::{Policy, SHIPPED};
 
 const CORE_HZ: u32 = 25_000_000;
@@ -81,6 +81,7 @@ fn measure(tick: u32) -> Measurement {
         vy_m_s: -9.81 * t_s,
         contact: Contact::Sensed(false),
         density_ratio: None,
+        sensors: Sensors::default(),
     }
 }
 

@@ -3,7 +3,7 @@
 extern crate std;
 use super::*;
 use crate::config::{Config, Estimation};
-use crate::measurement::Contact;
+use crate::measurement::{Contact, Sensors};
 use crate::policy::GainPoint;
 use crate::policy::fixture::{Bytes, blob_of, manifest};
 use core::f32::consts::TAU;
@@ -34,6 +34,7 @@ fn falling(tick: u64, y_m: f32) -> Measurement {
         vy_m_s: ay * t_s,
         contact: Contact::Sensed(false),
         density_ratio: None,
+        sensors: Sensors::default(),
     }
 }
 
@@ -137,5 +138,6 @@ fn hopping(tick: u64) -> Measurement {
         vy_m_s: -0.15 * TAU * 10.0 * phase.sin(),
         contact: Contact::Sensed(y_m < 0.99),
         density_ratio: None,
+        sensors: Sensors::default(),
     }
 }

@@ -1,7 +1,7 @@
 //! The filter as a whole, on a flight by the equations of the plant.
 
 use super::*;
-use crate::measurement::Contact;
+use crate::measurement::{Contact, Sensors};
 use random::Random;
 
 const TICK_NS: u64 = 1_000_000;
@@ -45,6 +45,7 @@ impl Flown {
             vy_m_s: noisy(vy_m_s),
             contact: Contact::Sensed(false),
             density_ratio: None,
+            sensors: Sensors::default(),
         }
     }
 

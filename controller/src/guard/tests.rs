@@ -2,6 +2,7 @@
 
 extern crate std;
 use super::*;
+use crate::measurement::Sensors;
 use proptest::prelude::*;
 use proptest::strategy::ValueTree;
 use std::vec::Vec;
@@ -16,6 +17,7 @@ fn measurement(tick: u64) -> Measurement {
         vy_m_s: 0.0,
         contact: Contact::Sensed(false),
         density_ratio: None,
+        sensors: Sensors::default(),
     }
 }
 
@@ -197,7 +199,8 @@ fn accepts_exactly_what_is_finite_and_in_range() {
         let (vx_m_s, y_m, vy_m_s, length, density_ratio) =
             strategy.new_tree(&mut runner).unwrap().current();
         for contact in [Contact::Sensed(true), Contact::LegLength(length)] {
-            let any = Measurement { t_ns: 5, vx_m_s, y_m, vy_m_s, contact, density_ratio };
+            let sensors = Sensors::default();
+            let any = Measurement { t_ns: 5, vx_m_s, y_m, vy_m_s, contact, density_ratio, sensors };
             let within = |x: f32, low: f32, high: f32| low <= x && x <= high;
             let good: Vec<bool> = [
                 within(vx_m_s, -50.0, 50.0),

@@ -1,6 +1,7 @@
 //! What is checked of a message beyond its readings.
 
 use super::*;
+use crate::measurement::{Aged, Contact, LegPosture, Measurement, Sensors, SpecificImpulse};
 use crate::policy::SHIPPED;
 use crate::wire::flags;
 
@@ -129,9 +130,27 @@ fn a_missing_sample_repeats_the_header_and_holds_the_set_point() {
 
 #[test]
 fn a_measurement_and_its_message_are_the_same() {
-    use crate::measurement::{Contact, Measurement};
+    let posture = Some(LegPosture { length_m: 0.9, angle_rad: 1.5 });
+    let slow = Sensors {
+        velocity_m_s: Some(Aged { value: [0.5, -0.5], age_ns: 90_000_000 }),
+        height_m: Some(Aged { value: 2.5, age_ns: 7 }),
+        pressure_pa: Some(Aged { value: 2e5, age_ns: 0 }),
+        ..Sensors::default()
+    };
+    let inertial = Sensors {
+        impulse: Some(SpecificImpulse([i32::MIN, i32::MAX])),
+        pitch_rad: Some(0.0),
+        pitch_rate_rad_s: Some(-1.0),
+        posture,
+        ..slow
+    };
     for contact in [Contact::Sensed(true), Contact::Sensed(false), Contact::LegLength(0.9)] {
-        for density_ratio in [None, Some(0.3)] {
+        for (density_ratio, sensors) in [
+            (None, Sensors::default()),
+            (Some(0.3), Sensors::default()),
+            (None, slow),
+            (None, inertial),
+        ] {
             let measurement = Measurement {
                 t_ns: 7,
                 vx_m_s: 1.0,
@@ -139,6 +158,7 @@ fn a_measurement_and_its_message_are_the_same() {
                 vy_m_s: -3.0,
                 contact,
                 density_ratio,
+                sensors,
             };
             let message = Sample::new(3, 7, &measurement, 0.5);
             assert_eq!(message.measurement(), Some(measurement));

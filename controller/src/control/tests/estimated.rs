@@ -41,6 +41,7 @@ fn bouncing(tick: u64) -> Measurement {
         vy_m_s,
         contact: Contact::Sensed((0.0..stance_s).contains(&into)),
         density_ratio: None,
+        sensors: Sensors::default(),
     }
 }
 

@@ -65,7 +65,15 @@ fn any_measurement() -> impl Strategy<Value = (Option<Measurement>, u64)> {
     let motion = (mostly_good(-50.0, 50.0), mostly_good(0.0, 100.0), mostly_good(-50.0, 50.0));
     let measurement =
         (motion, contact, density).prop_map(|((vx_m_s, y_m, vy_m_s), contact, density_ratio)| {
-            Measurement { t_ns: 0, vx_m_s, y_m, vy_m_s, contact, density_ratio }
+            Measurement {
+                t_ns: 0,
+                vx_m_s,
+                y_m,
+                vy_m_s,
+                contact,
+                density_ratio,
+                sensors: Sensors::default(),
+            }
         });
     (prop::option::weighted(0.95, measurement), step_ns)
 }
@@ -235,6 +243,7 @@ fn a_long_run_of_an_estimator_gives_commands_in_range() {
                 vy_m_s,
                 contact,
                 density_ratio: None,
+                sensors: Sensors::default(),
             };
             let command = controller.step(Some(&m), 0.5).command;
             assert!(command.is_valid(), "{command:?} in tick {tick} of kind {kind}");
