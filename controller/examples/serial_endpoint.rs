@@ -108,8 +108,13 @@ impl Write for MemoryStream<'_> {
 
 /// Encodes what a host sends: two requests and one sample.
 fn from_host() -> Vec<u8> {
-    let header =
-        Header { version: WIRE_VERSION, flags: flags::CONTACT_SENSED, run_id: 1, seq: 0, t_ns: 0 };
+    let header = Header {
+        version: WIRE_VERSION,
+        flags: flags::STATE_SENSED | flags::CONTACT_SENSED,
+        run_id: 1,
+        seq: 0,
+        t_ns: 0,
+    };
     let sample = Sample { header, y_m: 2.0, ..Sample::default() };
     let messages = [
         ToController::Request { id: 1, request: Request::Identify },

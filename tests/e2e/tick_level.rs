@@ -35,7 +35,7 @@ impl Run {
         Sample {
             header: Header {
                 version: WIRE_VERSION,
-                flags: self.senses | contact,
+                flags: flags::STATE_SENSED | self.senses | contact,
                 run_id: 1,
                 seq,
                 t_ns: seq * 1_000_000_000 / u64::from(self.rate_hz),
@@ -46,6 +46,7 @@ impl Run {
             vy_m_s: body.vy_m_s as f32,
             leg_length_m: plant.leg_length_m() as f32,
             density_ratio: self.density_ratio as f32,
+            ..Sample::default()
         }
     }
 

@@ -19,4 +19,4 @@ pub mod store;
 
 /// The version of the protocol. It is raised whenever the bytes of any message
 /// or of the framing change.
-pub const PROTOCOL_VERSION: u8 = 2;
+pub const PROTOCOL_VERSION: u8 = 3;

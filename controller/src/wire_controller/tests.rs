@@ -15,7 +15,7 @@ fn sample(seq: u64) -> Sample {
     Sample {
         header: Header {
             version: WIRE_VERSION,
-            flags: flags::CONTACT_SENSED | flags::DENSITY_SENSED,
+            flags: flags::STATE_SENSED | flags::CONTACT_SENSED | flags::DENSITY_SENSED,
             run_id: 1,
             seq,
             t_ns: seq * 1_000_000,
@@ -59,7 +59,7 @@ fn counts_each_bad_message_under_its_reason() {
 fn ignores_what_the_flags_do_not_declare() {
     let mut controller = running();
     let mut bad = Sample { leg_length_m: f32::NAN, density_ratio: f32::NAN, ..sample(101) };
-    bad.header.flags = flags::CONTACT_SENSED;
+    bad.header.flags = flags::STATE_SENSED | flags::CONTACT_SENSED;
     assert_eq!(controller.tick(Some(&bad)).rejected, 0);
 }
 

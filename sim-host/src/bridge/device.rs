@@ -287,3 +287,59 @@ impl Device {
         let _ = self.client.request(&Request::SetMode(Mode::Idle), IDLE_TIMEOUT);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::net::UnixStream;
+
+    use leg_control::serial::frame::{MAX_FRAME, Receiver, decode, encode};
+    use leg_control::serial::message::{Identity, Reply, ToController, ToHost};
+    use leg_host::serial::stream::over_unix;
+
+    use super::*;
+
+    /// Answers the first request by the identity of a node of another wire version.
+    fn identify_as(wire_version: u16, mut stream: Box<dyn ByteStream>) {
+        let identity = Identity {
+            wire_version,
+            board: "b",
+            firmware: "f",
+            session: None,
+            mode: Mode::Idle,
+            rate_hz: 1_000,
+            gravity_m_s2: 9.81,
+            policy: None,
+        };
+        let (mut receiver, mut bytes) = (Receiver::new(), [0; 64]);
+        loop {
+            let count = stream.read(&mut bytes, Duration::from_millis(50)).unwrap();
+            for &byte in &bytes[..count] {
+                if let Some(Ok(payload)) = receiver.push(byte)
+                    && let Ok(ToController::Request { id, .. }) = decode(payload)
+                {
+                    let reply = ToHost::Reply { id, reply: Reply::Identity(identity) };
+                    return stream.write_all(encode(&reply, &mut [0; MAX_FRAME]).unwrap()).unwrap();
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn refuses_a_controller_of_another_wire_version_by_both_versions() {
+        for theirs in [WIRE_VERSION - 1, WIRE_VERSION + 1] {
+            let (here, there) = UnixStream::pair().unwrap();
+            let mut here = Some(here);
+            let connect: Connector = Box::new(move || Ok(over_unix(here.take().unwrap()).unwrap()));
+            let there = over_unix(there).unwrap();
+            let node = std::thread::spawn(move || identify_as(theirs, there));
+            let params = RunParams { rate_hz: 1_000, gravity_m_s2: 9.81, mode: Mode::LockStep };
+            let (stop, patience) = (Stop::default(), Duration::ZERO);
+            let found =
+                Device::find(connect, Box::new(|_| ()), params, OnUnplug::End, patience, &stop);
+            let refused = found.err().expect("an error").to_string();
+            node.join().unwrap();
+            let expected = format!("uses wire version {theirs}, this program {WIRE_VERSION}");
+            assert!(refused.contains(&expected), "{refused}");
+        }
+    }
+}

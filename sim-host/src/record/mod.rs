@@ -25,6 +25,7 @@ mod recorder;
 pub mod schema;
 mod tap;
 mod translate;
+pub mod versions;
 mod writer_process;
 
 pub use change_poller::ChangePoller;

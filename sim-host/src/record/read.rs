@@ -13,6 +13,7 @@ use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOp
 use mcap::{McapError, McapResult};
 
 use super::schema::{AnyMessage, Channel, PROFILE};
+use super::versions::as_of_this_version;
 use chunk::Chunk;
 
 /// Longest chunk or message accepted, bytes.
@@ -292,7 +293,7 @@ impl Channels {
                     return Ok(Step::Message(Box::new(TimedMessage {
                         log_time_ns,
                         hash,
-                        message,
+                        message: as_of_this_version(message),
                     })));
                 }
             }

@@ -106,6 +106,7 @@ impl From<&wire::Sample> for Sample {
             vy_m_s: sample.vy_m_s,
             leg_length_m: sample.leg_length_m,
             density_ratio: sample.density_ratio,
+            sensors: SensorReadings::of(&sample.sensors),
         }
     }
 }
@@ -120,6 +121,47 @@ impl From<&Sample> for wire::Sample {
             vy_m_s: s.vy_m_s,
             leg_length_m: s.leg_length_m,
             density_ratio: s.density_ratio,
+            sensors: s.sensors.as_ref().map(Into::into).unwrap_or_default(),
+        }
+    }
+}
+
+impl SensorReadings {
+    /// Converts readings; `None` if all bits are 0, as of a leg without such sensors.
+    fn of(readings: &wire::SensorReadings) -> Option<Self> {
+        let wire::SensorReadings { impulse: [impulse_x, impulse_y], .. } = *readings;
+        let [velocity_x_m_s, velocity_y_m_s] = readings.velocity_m_s;
+        let is_empty = bytemuck::bytes_of(readings).iter().all(|&byte| byte == 0);
+        (!is_empty).then_some(Self {
+            pitch_rad: readings.pitch_rad,
+            pitch_rate_rad_s: readings.pitch_rate_rad_s,
+            leg_angle_rad: readings.leg_angle_rad,
+            impulse_x,
+            impulse_y,
+            velocity_x_m_s,
+            velocity_y_m_s,
+            height_m: readings.height_m,
+            pressure_pa: readings.pressure_pa,
+            velocity_age_ns: readings.velocity_age_ns,
+            height_age_ns: readings.height_age_ns,
+            pressure_age_ns: readings.pressure_age_ns,
+        })
+    }
+}
+
+impl From<&SensorReadings> for wire::SensorReadings {
+    fn from(r: &SensorReadings) -> Self {
+        Self {
+            pitch_rad: r.pitch_rad,
+            pitch_rate_rad_s: r.pitch_rate_rad_s,
+            leg_angle_rad: r.leg_angle_rad,
+            impulse: [r.impulse_x, r.impulse_y],
+            velocity_m_s: [r.velocity_x_m_s, r.velocity_y_m_s],
+            height_m: r.height_m,
+            pressure_pa: r.pressure_pa,
+            velocity_age_ns: r.velocity_age_ns,
+            height_age_ns: r.height_age_ns,
+            pressure_age_ns: r.pressure_age_ns,
         }
     }
 }
@@ -187,6 +229,11 @@ mod tests {
             let decoded = wire::Sample::from(&decoded);
             assert_eq!(decoded.vx_m_s.to_bits(), bits);
             assert_eq!(decoded.density_ratio.to_bits(), bits);
+            let sensors = wire::SensorReadings { height_m: x, ..Default::default() };
+            let sample = wire::Sample { sensors, ..wire::Sample::default() };
+            let decoded = Sample::decode(&*Sample::from(&sample).encode_to_vec()).unwrap();
+            assert_eq!(decoded.sensors.is_some(), bits != 0);
+            assert_eq!(wire::Sample::from(&decoded).sensors.height_m.to_bits(), bits);
         }
         let state = State { x_m: -0.0, ..State::default() };
         let decoded = State::decode(&*state.encode_to_vec()).unwrap();
@@ -220,6 +267,18 @@ mod tests {
             vy_m_s: f32::INFINITY,
             leg_length_m: 10.5,
             density_ratio: 11.5,
+            sensors: wire::SensorReadings {
+                pitch_rad: 12.5,
+                pitch_rate_rad_s: -13.5,
+                leg_angle_rad: 14.5,
+                impulse: [i32::MIN, i32::MAX],
+                velocity_m_s: [15.5, f32::NEG_INFINITY],
+                height_m: 17.5,
+                pressure_pa: 18.5,
+                velocity_age_ns: u32::MAX,
+                height_age_ns: 20,
+                pressure_age_ns: 21,
+            },
         };
         let decoded = Sample::decode(&*Sample::from(&sample).encode_to_vec()).unwrap();
         assert_eq!(wire::Sample::from(&decoded), sample);

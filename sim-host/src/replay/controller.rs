@@ -319,7 +319,7 @@ mod tests {
         let t_s = seq as f32 * 1e-3;
         let header = Header {
             version: WIRE_VERSION,
-            flags: flags::CONTACT_SENSED,
+            flags: flags::STATE_SENSED | flags::CONTACT_SENSED,
             run_id: 1,
             seq,
             t_ns: seq * 1_000_000,

@@ -21,6 +21,7 @@ use leg_process::policy_file::{AlignedBytes, PolicyFile, PolicyFileError};
 use crate::record::contents::Contents;
 use crate::record::read::ReadError;
 use crate::record::schema::{Channel, Config};
+use crate::record::versions::READABLE;
 
 pub use compare::{Difference, difference};
 use controller::{Divergence, ReplayController, SetPoints, Swap};
@@ -56,14 +57,12 @@ pub enum ReplayError {
         cause: ParseError,
     },
     /// The recording has another version of the messages.
-    #[error("{}: its messages have version {theirs}, this program's have {ours}; replay it with the release that made it ({release})", path.display())]
+    #[error("{}: its messages have version {theirs}, this program reads versions {} to {}; replay it with the release that made it ({release})", path.display(), READABLE.start(), READABLE.end())]
     WireVersion {
         /// The recording.
         path: PathBuf,
         /// Its version.
         theirs: u32,
-        /// This program's.
-        ours: u16,
         /// Version of the program that made it.
         release: String,
     },
@@ -151,12 +150,10 @@ pub fn replay(path: &Path, other: Option<&PolicyFile>) -> Result<ReplayReport, R
 }
 
 fn control_config(path: &Path, config: &Config) -> Result<ControlConfig, ReplayError> {
-    let ours = leg_control::wire::WIRE_VERSION;
-    if config.wire_version != u32::from(ours) {
+    if !READABLE.contains(&config.wire_version) {
         return Err(ReplayError::WireVersion {
             path: path.to_owned(),
             theirs: config.wire_version,
-            ours,
             release: config.sim_host_version.clone(),
         });
     }

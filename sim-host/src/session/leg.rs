@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use leg_control::wire::{Command, Header, Sample, WIRE_VERSION, flags};
+use leg_control::wire::{Command, Header, Sample, SensorReadings, WIRE_VERSION, flags};
 
 use super::command_hold::CommandHold;
 use super::hash::StateHash;
@@ -297,7 +297,8 @@ impl<'a> Leg<'a> {
     fn update_sample(&mut self) {
         let body = self.plant.body();
         let ground_m = self.terrain.map_or(0.0, |terrain| terrain.height_m(body.x_m));
-        let mut flags_sensed = flags::CONTACT_SENSED | flags::LEG_LENGTH_SENSED;
+        let mut flags_sensed =
+            flags::STATE_SENSED | flags::CONTACT_SENSED | flags::LEG_LENGTH_SENSED;
         if matches!(self.plant.phase(), Phase::Stance { .. }) {
             flags_sensed |= flags::IN_CONTACT;
         }
@@ -314,6 +315,7 @@ impl<'a> Leg<'a> {
             vy_m_s: body.vy_m_s as f32,
             leg_length_m: self.plant.leg_length_m() as f32,
             density_ratio: if measured { self.medium.density_ratio() as f32 } else { 0.0 },
+            sensors: SensorReadings::default(),
         };
     }
 }

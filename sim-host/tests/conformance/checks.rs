@@ -4,7 +4,7 @@ use std::sync::{Barrier, mpsc};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use leg_control::wire::{Command, Header, Sample, WIRE_VERSION, flags};
+use leg_control::wire::{Command, Header, Sample, SensorReadings, WIRE_VERSION, flags};
 use leg_host::{Link, LinkError};
 
 use crate::transports::{LONG, Transport};
@@ -31,7 +31,7 @@ fn sample(seq: u64) -> Sample {
     Sample {
         header: Header {
             version: WIRE_VERSION,
-            flags: flags::CONTACT_SENSED,
+            flags: flags::STATE_SENSED | flags::CONTACT_SENSED,
             run_id: 7,
             seq,
             t_ns: seq * 1_000_000,
@@ -42,6 +42,18 @@ fn sample(seq: u64) -> Sample {
         vy_m_s: x + 0.4,
         leg_length_m: x + 0.5,
         density_ratio: x + 0.6,
+        sensors: SensorReadings {
+            pitch_rad: x + 0.7,
+            pitch_rate_rad_s: x + 0.8,
+            leg_angle_rad: x + 0.9,
+            impulse: [i32::MIN + seq as i32, i32::MAX - seq as i32],
+            velocity_m_s: [x + 1.1, x + 1.2],
+            height_m: x + 1.3,
+            pressure_pa: x + 1.4,
+            velocity_age_ns: u32::MAX - seq as u32,
+            height_age_ns: 1 + seq as u32,
+            pressure_age_ns: 1_000 + seq as u32,
+        },
     }
 }
 

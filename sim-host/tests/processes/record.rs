@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use leg_control::config::Config as ControlConfig;
 use leg_control::policy::{Policy, SHIPPED};
-use leg_control::wire::{Command, Sample};
+use leg_control::wire::{Command, Sample, SensorReadings, WIRE_VERSION, flags};
 use leg_control::wire_controller::WireController;
 use leg_host::TimeMode;
 use leg_host::memory::Inline;
@@ -101,6 +101,30 @@ fn given(blob: &[u8], seq: u64) -> PolicyMessage {
 
 fn shipped_controller() -> WireController<'static> {
     WireController::new(Policy::parse(SHIPPED).unwrap(), ControlConfig::at_rate(1000).unwrap())
+}
+
+/// `recordings/wire-1.mcap` was made by a build with version 1 of the messages, by `sim-host run
+/// --in-process --rate 50 --duration 2 --set-point 0.3 --start-y 1.3 --record wire-1.mcap`.
+#[test]
+fn reads_replays_and_plots_a_recording_of_wire_version_1() {
+    let place = Place::new();
+    let path = requirements::checkout().join("sim-host/tests/recordings/wire-1.mcap");
+    let (ticks, rest, warning) = read(&path);
+    assert_eq!((ticks.len(), warning), (100, None));
+    let AnyMessage::Config(config) = &rest[0] else { panic!("{:?}", rest[0]) };
+    assert_eq!(config.wire_version, 1);
+    for (sample, command) in &ticks {
+        let versions = [sample.header.version, command.header.version];
+        assert_eq!(versions, [WIRE_VERSION; 2]);
+        assert_eq!(sample.header.flags & flags::STATE_SENSED, flags::STATE_SENSED);
+        assert_eq!(sample.sensors, SensorReadings::default());
+    }
+    let replayed = place.start("replay", &[text(&path)]).end();
+    let out = &replayed.assert_ok().out;
+    assert!(out.contains("100 commands compared: the same, bit for bit"), "{out}");
+    let picture = place.file("run.svg");
+    place.start("plot", &[text(&path), "-o", text(&picture)]).end().assert_ok();
+    assert!(fs::read_to_string(&picture).unwrap().contains("<circle"));
 }
 
 #[test]

@@ -112,7 +112,7 @@ fn refuses_a_peer_of_another_wire_version() {
     let place = Place::new();
     let domain = Domain::join(place.domain()).expect("a domain");
     let path = domain.root().join("session.sock");
-    let later_leg = |version: &str| {
+    let other_leg = |version: &str| {
         let deadline = Instant::now() + SOON;
         let mut socket = loop {
             match UnixStream::connect(&path) {
@@ -125,30 +125,30 @@ fn refuses_a_peer_of_another_wire_version() {
         // It learns about the controller, too.
         let mut answer = String::new();
         BufReader::new(&socket).read_line(&mut answer).unwrap();
-        assert!(answer.contains(r#""wire_version":1"#), "{answer}");
+        assert!(answer.contains(r#""wire_version":2"#), "{answer}");
         socket
     };
     let controller = place.controller(&LONG_TIMEOUT);
-    drop(later_leg(":9,"));
-    let parts = ["the simulator uses version 9", "this program version 1", "the same release"];
+    drop(other_leg(":9,"));
+    let parts = ["the simulator uses version 9", "this program version 2", "the same release"];
     controller.end().assert(1, &parts);
     // A controller that stays reports that once.
     let mut staying = place.staying(&[]);
-    let leg = later_leg(":9,");
+    let leg = other_leg(":9,");
     place.wait_for_status(|status| status["activity"] == "waiting");
     drop(leg);
-    drop(later_leg(":8,"));
+    drop(other_leg(":1,"));
     staying.signal(Signal::TERM);
     let staying = staying.end();
     let err = &staying.assert_ok().err;
-    for version in ["9", "8"] {
+    for version in ["9", "1"] {
         assert_eq!(count(err, &format!("the simulator uses version {version}")), 1, "{err}");
     }
 
     let listener = UnixListener::bind(&path).expect("a socket");
     let simulator = place.simulator(&LONG_TIMEOUT);
     writeln!(listener.accept().expect("a leg").0, "{HELLO}").unwrap();
-    simulator.end().assert(1, &["the controller uses version 9", "this program version 1"]);
+    simulator.end().assert(1, &["the controller uses version 9", "this program version 2"]);
     drop(domain);
     place.assert_clean();
 }

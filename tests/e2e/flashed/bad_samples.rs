@@ -1,6 +1,6 @@
 //! Samples as broken sensors and a broken line make them.
 
-use leg_control::wire::{Header, Sample, WIRE_VERSION, flags};
+use leg_control::wire::{Header, Sample, SensorReadings, WIRE_VERSION, flags};
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
@@ -80,6 +80,18 @@ impl BadSamples {
             vy_m_s: f32::from_bits(rng.random()),
             leg_length_m: f32::from_bits(rng.random()),
             density_ratio: f32::from_bits(rng.random()),
+            sensors: SensorReadings {
+                pitch_rad: f32::from_bits(rng.random()),
+                pitch_rate_rad_s: f32::from_bits(rng.random()),
+                leg_angle_rad: f32::from_bits(rng.random()),
+                impulse: rng.random(),
+                velocity_m_s: [rng.random(), rng.random()].map(f32::from_bits),
+                height_m: f32::from_bits(rng.random()),
+                pressure_pa: f32::from_bits(rng.random()),
+                velocity_age_ns: rng.random(),
+                height_age_ns: rng.random(),
+                pressure_age_ns: rng.random(),
+            },
         }
     }
 }

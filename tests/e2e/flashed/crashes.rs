@@ -12,7 +12,7 @@ use crate::board::{Flashed, image, shipped, skips};
 fn sample(seq: u64) -> Sample {
     let header = Header {
         version: WIRE_VERSION,
-        flags: flags::CONTACT_SENSED,
+        flags: flags::STATE_SENSED | flags::CONTACT_SENSED,
         run_id: 3,
         seq,
         t_ns: seq * 1_000_000,

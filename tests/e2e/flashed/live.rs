@@ -12,7 +12,7 @@ use crate::board::{Flashed, shipped, skips};
 fn sample(seq: u64) -> Sample {
     let header = Header {
         version: WIRE_VERSION,
-        flags: flags::CONTACT_SENSED | flags::DENSITY_SENSED,
+        flags: flags::STATE_SENSED | flags::CONTACT_SENSED | flags::DENSITY_SENSED,
         run_id: 1,
         seq,
         t_ns: seq * 1_000_000,

@@ -121,7 +121,7 @@ impl Bouncer {
         let sample = Sample {
             header: Header {
                 version: WIRE_VERSION,
-                flags: flags::CONTACT_SENSED | contact,
+                flags: flags::STATE_SENSED | flags::CONTACT_SENSED | contact,
                 run_id: 1,
                 seq: self.seq,
                 t_ns: self.seq * 1_000_000,

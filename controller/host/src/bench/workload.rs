@@ -83,7 +83,7 @@ impl<'a> TickSamples<'a> {
             let contact = if stance { flags::IN_CONTACT } else { 0 };
             let header = Header {
                 version: WIRE_VERSION,
-                flags: flags::CONTACT_SENSED | contact,
+                flags: flags::STATE_SENSED | flags::CONTACT_SENSED | contact,
                 run_id: 1,
                 seq,
                 t_ns: seq * 1_000_000,

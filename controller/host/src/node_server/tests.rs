@@ -43,7 +43,7 @@ fn hopping(run_id: u32, seq: u64) -> Sample {
     Sample {
         header: Header {
             version: WIRE_VERSION,
-            flags: flags::CONTACT_SENSED | contact,
+            flags: flags::STATE_SENSED | flags::CONTACT_SENSED | contact,
             run_id,
             seq,
             t_ns: seq * 1_000_000,

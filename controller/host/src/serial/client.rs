@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 
 pub use super::client_error::{ClientError, taken_by};
+use super::earlier;
 use super::identity::DeviceIdentity;
 use super::line::{Came, Line, framed};
 use super::pending::{Answered, Pending, RetransmitTimer};
@@ -24,6 +25,9 @@ use leg_process::Stop;
 pub const IDENTIFY_TIMEOUT: Duration = Duration::from_secs(3);
 /// Longest wait for the reply to any other request.
 pub const REQUEST_TIMEOUT: Duration = Duration::from_secs(3);
+/// Longest wait for the answer of a node of an earlier protocol version, after it has answered
+/// nothing of this version for a while.
+const EARLIER_TIMEOUT: Duration = Duration::from_millis(250);
 /// Longest wait on the line before the stop flag is checked.
 const LOOK: Duration = Duration::from_millis(50);
 
@@ -351,10 +355,30 @@ impl Client {
     /// # Errors
     /// As [`Client::request`].
     pub fn identify(&mut self, timeout: Duration) -> Result<DeviceIdentity, ClientError> {
-        match self.request(&Request::Identify, timeout)? {
-            Reply::Identity(identity) => Ok(DeviceIdentity::from(&identity)),
-            _ => Err(ClientError::WrongReply),
+        let silent = match self.request(&Request::Identify, timeout) {
+            Ok(Reply::Identity(identity)) => return Ok(DeviceIdentity::from(&identity)),
+            Ok(_) => return Err(ClientError::WrongReply),
+            Err(silent @ ClientError::Silent { .. }) => silent,
+            Err(other) => return Err(other),
+        };
+        Err(match self.earlier_version()? {
+            Some(theirs) => ClientError::ProtocolVersion { theirs },
+            None => silent,
+        })
+    }
+
+    /// Returns the protocol version of a node that answers only requests of an earlier one;
+    /// `None` when it answers none.
+    fn earlier_version(&mut self) -> Result<Option<u8>, ClientError> {
+        for request in earlier::identify_requests() {
+            self.line.send(&request);
+            self.counts.frames_out += 1;
         }
+        let begun = Instant::now();
+        while self.foreign.is_none() && begun.elapsed() < EARLIER_TIMEOUT {
+            self.listen(EARLIER_TIMEOUT)?;
+        }
+        Ok(self.foreign)
     }
 
     /// Returns the contents of the two slots: A, then B.

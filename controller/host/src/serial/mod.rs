@@ -9,6 +9,7 @@
 
 pub mod client;
 mod client_error;
+mod earlier;
 pub mod identity;
 mod line;
 pub mod link;

@@ -133,13 +133,7 @@ fn distinguishes_silence_noise_and_another_protocol_version() {
     let noise = client.identify(SHORT).unwrap_err();
     assert!(matches!(noise, ClientError::Noise { bad: 2, .. }), "{noise}");
 
-    let body = [9];
-    let mut frame = vec![0, 6];
-    frame.extend(body);
-    frame.extend(crc32(&body).to_le_bytes());
-    assert!(!frame[1..].contains(&0), "one group of COBS");
-    frame.push(0);
-    there.write_all(&frame).unwrap();
+    there.write_all(&framed_as(9)).unwrap();
     let other = client.identify(SHORT).unwrap_err().to_string();
     assert!(
         other.contains(&format!("uses protocol version 9, this program {PROTOCOL_VERSION}")),
@@ -148,6 +142,41 @@ fn distinguishes_silence_noise_and_another_protocol_version() {
 
     drop(there);
     assert!(client.identify(LONG).unwrap_err().is_unplugged());
+}
+
+/// A node counts a frame of another version and answers nothing, so that a host learns about an
+/// earlier one only by its own words.
+#[test]
+fn names_a_board_of_an_earlier_protocol_version() {
+    for version in 1..PROTOCOL_VERSION {
+        let (here, mut there) = pair();
+        let board = std::thread::spawn(move || {
+            let (mut receiver, mut bytes) = (frame::Receiver::new(), [0; 64]);
+            loop {
+                let count = there.read(&mut bytes, SHORT).unwrap();
+                for &byte in &bytes[..count] {
+                    if receiver.push(byte) == Some(Err(frame::FrameError::Version(version))) {
+                        return there.write_all(&framed_as(version)).map(|()| there).unwrap();
+                    }
+                }
+            }
+        });
+        let refused = Client::new(here, &Stop::default()).identify(SHORT).unwrap_err().to_string();
+        let expected = format!("uses protocol version {version}, this program {PROTOCOL_VERSION}");
+        assert!(refused.contains(&expected), "{refused}");
+        drop(board.join().unwrap());
+    }
+}
+
+/// Returns the frame of a body that is only a version.
+fn framed_as(version: u8) -> Vec<u8> {
+    let body = [version];
+    let mut frame = vec![0, 6];
+    frame.extend(body);
+    frame.extend(crc32(&body).to_le_bytes());
+    assert!(!frame[1..].contains(&0), "one group of COBS");
+    frame.push(0);
+    frame
 }
 
 #[test]

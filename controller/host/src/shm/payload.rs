@@ -31,13 +31,13 @@ pub trait Message: sealed::Sealed + Copy + Debug + Send + 'static {
 
 impl Message for Sample {
     const SERVICE: &'static str = "leg/samples";
-    const TYPE_NAME: &'static str = "leg.sample.v1";
+    const TYPE_NAME: &'static str = "leg.sample.v2";
     const SENDER: Role = Role::Leg;
 }
 
 impl Message for Command {
     const SERVICE: &'static str = "leg/commands";
-    const TYPE_NAME: &'static str = "leg.command.v1";
+    const TYPE_NAME: &'static str = "leg.command.v2";
     const SENDER: Role = Role::Controller;
 }
 

@@ -48,10 +48,10 @@ fn connect_errors(leg: SessionParams, controller: SessionParams) -> (ConnectErro
 #[test]
 fn both_sides_reject_another_wire_version() {
     let ours = SessionParams::at(1000);
-    let next = SessionParams { wire_version: ours.wire_version + 1, ..ours };
-    let (leg, controller) = connect_errors(ours, next);
+    let before = SessionParams { wire_version: ours.wire_version - 1, ..ours };
+    let (leg, controller) = connect_errors(ours, before);
     for (error, by, expected) in
-        [(leg, Role::Controller, ("2", "1")), (controller, Role::Leg, ("1", "2"))]
+        [(leg, Role::Controller, ("1", "2")), (controller, Role::Leg, ("2", "1"))]
     {
         assert!(
             matches!(&error, ConnectError::Disagreement { peer, parameter, theirs, ours }

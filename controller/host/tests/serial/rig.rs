@@ -50,7 +50,7 @@ pub(super) fn hopping(tick: u64) -> Sample {
     Sample {
         header: Header {
             version: WIRE_VERSION,
-            flags: flags::CONTACT_SENSED | flags::DENSITY_SENSED | contact,
+            flags: flags::STATE_SENSED | flags::CONTACT_SENSED | flags::DENSITY_SENSED | contact,
             run_id: 1,
             seq: tick,
             t_ns: tick * 1_000_000,

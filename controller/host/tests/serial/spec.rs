@@ -10,7 +10,7 @@ use leg_control::serial::message::{
 };
 use leg_control::serial::slots::{FlashSlots, SEAL_LEN};
 use leg_control::serial::store::PolicyStore;
-use leg_control::wire::{Command, Header, Sample};
+use leg_control::wire::{Command, Header, Sample, SensorReadings};
 use leg_host::flash::MemoryFlash;
 use serde::{Deserialize, Serialize};
 
@@ -201,6 +201,18 @@ fn sample() -> Sample {
         vy_m_s: -3.5,
         leg_length_m: 4.5,
         density_ratio: 5.5,
+        sensors: SensorReadings {
+            pitch_rad: 8.5,
+            pitch_rate_rad_s: -9.5,
+            leg_angle_rad: 10.5,
+            impulse: [i32::MIN, i32::MAX],
+            velocity_m_s: [11.5, -12.5],
+            height_m: 13.5,
+            pressure_pa: 14.5,
+            velocity_age_ns: 0xa5a6_a7a8,
+            height_age_ns: 0xb5b6_b7b8,
+            pressure_age_ns: 0xc5c6_c7c8,
+        },
     }
 }
 
@@ -224,7 +236,10 @@ fn command() -> Command {
 /// it gets.
 pub(super) fn examples() -> (Vec<ToController<'static>>, Vec<ToHost<'static>>) {
     let id = u32::MAX;
-    let mut to_controller = vec![ToController::Sample { seq: 0xe1e2_e3e4, sample: sample() }];
+    let without_sensors = Sample { sensors: SensorReadings::default(), ..sample() };
+    let mut to_controller = [sample(), without_sensors]
+        .map(|sample| ToController::Sample { seq: 0xe1e2_e3e4, sample })
+        .to_vec();
     let request = |request| ToController::Request { id, request };
     to_controller.extend(requests().into_iter().map(request));
     to_controller.extend(modes().into_iter().map(|mode| request(Request::SetMode(mode))));
@@ -319,7 +334,7 @@ fn there_is_an_example_of_every_variant() {
     all_borrowed_variants!(Request, requests());
     all_borrowed_variants!(Reply, replies());
     let (to_controller, to_host) = examples();
-    all_borrowed_variants!(ToController, &to_controller[..2]);
+    all_borrowed_variants!(ToController, &to_controller[1..3]);
     all_borrowed_variants!(ToHost, [to_host[0], to_host[1], *to_host.last().unwrap()]);
     assert_eq!((NAME.len(), OTHER.len()), (MAX_NAME, MAX_NAME));
 }

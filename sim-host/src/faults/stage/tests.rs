@@ -271,7 +271,7 @@ fn every_bit_of_a_message_can_be_inverted_and_no_other() {
     }
     check::<Sample>();
     check::<Command>();
-    assert_eq!((Sample::BITS, Command::BITS), (384, 512));
+    assert_eq!((Sample::BITS, Command::BITS), (768, 512));
 }
 
 /// The numbering decides what a seed damages, so it must not change.
@@ -289,6 +289,9 @@ fn bits_are_numbered_through_the_fields_in_their_order() {
     assert_eq!(flipped(128 + 63).header.t_ns, 1 << 63);
     assert_eq!(flipped(192 + 5).set_point_m_s.to_bits(), 1 << 5);
     assert_eq!(flipped(352 + 30).density_ratio.to_bits(), 1 << 30);
+    assert_eq!(flipped(384 + 7).sensors.pitch_rad.to_bits(), 1 << 7);
+    assert_eq!(flipped(480 + 31).sensors.impulse[0], i32::MIN);
+    assert_eq!(flipped(736 + 3).sensors.pressure_age_ns, 1 << 3);
     let flipped = |bit| {
         let mut command = Command::default();
         command.flip(bit);
