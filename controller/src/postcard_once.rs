@@ -115,7 +115,7 @@ impl ser::Serializer for &mut Writer<'_> {
     type SerializeStruct = Self;
     type SerializeStructVariant = Self;
 
-    not_written!(serialize_i8: i8, serialize_i16: i16, serialize_i64: i64,
+    not_written!(serialize_i8: i8, serialize_i16: i16, serialize_i32: i32, serialize_i64: i64,
         serialize_f64: f64, serialize_char: char);
 
     fn is_human_readable(&self) -> bool {
@@ -144,12 +144,6 @@ impl ser::Serializer for &mut Writer<'_> {
 
     fn serialize_u64(self, v: u64) -> Result<()> {
         self.u64(v);
-        Ok(())
-    }
-
-    fn serialize_i32(self, v: i32) -> Result<()> {
-        // Zigzag: 0, -1, 1, -2 as 0, 1, 2, 3.
-        self.u32((v << 1 ^ v >> 31) as u32);
         Ok(())
     }
 
@@ -369,12 +363,6 @@ impl<'de> Reader<'de> {
     }
 
     #[inline(never)]
-    pub(crate) fn i32(&mut self) -> i32 {
-        let zigzag = self.u32();
-        (zigzag >> 1) as i32 ^ -((zigzag & 1) as i32)
-    }
-
-    #[inline(never)]
     pub(crate) fn u64(&mut self) -> u64 {
         self.varint(const { longest(u64::BITS) })
     }
@@ -475,12 +463,13 @@ impl<'de> de::Deserializer<'de> for &mut Reader<'de> {
 
     read!(deserialize_bool: visit_bool(bool), deserialize_u8: visit_u8(u8),
         deserialize_u16: visit_u16(u16), deserialize_u32: visit_u32(u32),
-        deserialize_u64: visit_u64(u64), deserialize_i32: visit_i32(i32), deserialize_f32: visit_f32(f32),
+        deserialize_u64: visit_u64(u64), deserialize_f32: visit_f32(f32),
         deserialize_str: visit_borrowed_str(str), deserialize_bytes: visit_borrowed_bytes(bytes));
     not_read!(
         deserialize_any,
         deserialize_i8,
         deserialize_i16,
+        deserialize_i32,
         deserialize_i64,
         deserialize_f64,
         deserialize_char,

@@ -10,7 +10,9 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::command::{LegCommand, Status, Telemetry};
 use crate::guard::Counts;
-use crate::measurement::{Aged, Contact, LegPosture, Measurement, Sensors, SpecificImpulse};
+#[cfg(feature = "estimator")]
+use crate::measurement::{Aged, LegPosture, SpecificImpulse};
+use crate::measurement::{Contact, Measurement, Sensors};
 use serde::{Deserialize, Serialize};
 
 /// The version of every message here. Raised when any field changes.
@@ -50,6 +52,14 @@ pub mod flags {
     pub const PRESSURE_SENSED: u16 = 1 << 14;
     /// Sample: `sensors.pitch_rate_rad_s` is measured.
     pub const PITCH_RATE_SENSED: u16 = 1 << 15;
+    /// Sample: any of `sensors` is measured.
+    pub const ANY_OF_SENSORS: u16 = IMPULSE_SENSED
+        | PITCH_SENSED
+        | PITCH_RATE_SENSED
+        | LEG_ANGLE_SENSED
+        | VELOCITY_SENSED
+        | HEIGHT_SENSED
+        | PRESSURE_SENSED;
     /// Command: the guard has taken over, this is the safe command.
     pub const SAFE: u16 = 1 << 8;
 }
@@ -97,7 +107,7 @@ pub struct Sample {
 /// What a leg feels that does not sense its state itself; see
 /// [`Sensors`](crate::measurement::Sensors). A field is read with its flag.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct SensorReadings {
     /// Orientation of the body, rad.
     pub pitch_rad: f32,
@@ -121,24 +131,38 @@ pub struct SensorReadings {
     pub pressure_age_ns: u32,
 }
 
-/// On the serial line the readings of a leg without such sensors, all of whose bits are 0,
-/// take one byte: an option.
+/// On the serial line the readings are an option: of a leg without such sensors, all of whose
+/// bits are 0, they take one byte. Of another they are the bytes of the struct, each word with
+/// its lowest byte first: a decoder of twelve fields would cost the firmware a kilobyte.
 mod sensors_on_the_line {
     use super::SensorReadings;
+    use serde::de::Error;
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    const WORDS: usize = size_of::<SensorReadings>() / size_of::<u32>();
 
     pub(super) fn serialize<S: Serializer>(
         sensors: &SensorReadings,
         serializer: S,
     ) -> Result<S::Ok, S::Error> {
-        let is_empty = bytemuck::bytes_of(sensors).iter().all(|&byte| byte == 0);
-        (!is_empty).then_some(sensors).serialize(serializer)
+        let words: [u32; WORDS] = bytemuck::cast(*sensors);
+        let words = words.map(u32::to_le);
+        let is_any = words != [0; WORDS];
+        is_any.then_some(bytemuck::bytes_of(&words)).serialize(serializer)
     }
 
     pub(super) fn deserialize<'de, D: Deserializer<'de>>(
         deserializer: D,
     ) -> Result<SensorReadings, D::Error> {
-        Option::deserialize(deserializer).map(Option::unwrap_or_default)
+        let mut words = [0; WORDS];
+        if let Some(bytes) = Option::<&[u8]>::deserialize(deserializer)? {
+            let place: &mut [u8] = bytemuck::bytes_of_mut(&mut words);
+            if bytes.len() != place.len() {
+                return Err(D::Error::custom("readings of 48 bytes"));
+            }
+            place.copy_from_slice(bytes);
+        }
+        Ok(bytemuck::cast(words.map(u32::from_le)))
     }
 }
 
@@ -204,31 +228,74 @@ impl Sample {
     }
 
     /// Returns the readings that the flags declare; `None` when neither contact nor leg
-    /// length is among them. A contact reading is taken before a leg length.
+    /// length is among them. A contact reading is taken before a leg length. Without the
+    /// feature `estimator`, whose laws alone read them, [`Measurement::sensors`] is empty.
     #[must_use]
     #[inline]
     pub fn measurement(&self) -> Option<Measurement> {
-        let contact = if self.has(flags::CONTACT_SENSED) {
-            Contact::Sensed(self.has(flags::IN_CONTACT))
+        let mut measurement = self.measurement_of_state(self.contact()?);
+        self.complete(&mut measurement);
+        Some(measurement)
+    }
+
+    /// Returns how the leg senses contact, if it does.
+    #[inline]
+    pub(crate) fn contact(&self) -> Option<Contact> {
+        if self.has(flags::CONTACT_SENSED) {
+            Some(Contact::Sensed(self.has(flags::IN_CONTACT)))
         } else if self.has(flags::LEG_LENGTH_SENSED) {
-            Contact::LegLength(self.leg_length_m)
+            Some(Contact::LegLength(self.leg_length_m))
         } else {
-            return None;
-        };
-        let state = |flag, reading| if self.has(flag) { reading } else { f32::NAN };
-        Some(Measurement {
+            None
+        }
+    }
+
+    /// Returns the readings of a leg that senses its state and has no other sensors, and this
+    /// one of contact; [`Self::complete`] makes of it those of any leg.
+    #[inline]
+    pub(crate) fn measurement_of_state(&self, contact: Contact) -> Measurement {
+        Measurement {
             t_ns: self.header.t_ns,
-            vx_m_s: state(flags::VX_SENSED, self.vx_m_s),
-            y_m: state(flags::Y_SENSED, self.y_m),
-            vy_m_s: state(flags::VY_SENSED, self.vy_m_s),
+            vx_m_s: self.vx_m_s,
+            y_m: self.y_m,
+            vy_m_s: self.vy_m_s,
             contact,
             density_ratio: self.has(flags::DENSITY_SENSED).then_some(self.density_ratio),
-            sensors: self.sensors(),
-        })
+            sensors: Sensors::default(),
+        }
+    }
+
+    /// Adds to a [`Self::measurement_of_state`] what the flags declare beyond it, and removes
+    /// what they do not. Apart and in place, so that the usual leg pays for one test.
+    #[inline]
+    pub(crate) fn complete(&self, measurement: &mut Measurement) {
+        if self.header.flags & (flags::STATE_SENSED | flags::ANY_OF_SENSORS) != flags::STATE_SENSED
+        {
+            self.add_sensors(measurement);
+        }
+    }
+
+    /// Sets the sensors of a measurement, and its state channels that are not sensed to NaN.
+    #[inline(never)]
+    fn add_sensors(&self, measurement: &mut Measurement) {
+        for (flag, reading) in [
+            (flags::VX_SENSED, &mut measurement.vx_m_s),
+            (flags::Y_SENSED, &mut measurement.y_m),
+            (flags::VY_SENSED, &mut measurement.vy_m_s),
+        ] {
+            if !self.has(flag) {
+                *reading = f32::NAN;
+            }
+        }
+        // Without an estimator nothing reads them.
+        #[cfg(feature = "estimator")]
+        {
+            measurement.sensors = self.sensors();
+        }
     }
 
     /// Returns the readings of [`Self::sensors`] that the flags declare.
-    #[inline]
+    #[cfg(feature = "estimator")]
     fn sensors(&self) -> Sensors {
         let readings = &self.sensors;
         let has_posture = self.has(flags::LEG_LENGTH_SENSED | flags::LEG_ANGLE_SENSED);

@@ -97,13 +97,16 @@ impl<'a> WireController<'a> {
     }
 
     fn step(&mut self, sample: Option<&Sample>, set_point_m_s: f32) -> Status {
-        let measurement = sample.and_then(Sample::measurement);
-        let checked = match (sample, &measurement) {
+        // Written in its place, not moved there as part of an option.
+        let mut measurement;
+        let checked = match (sample, sample.and_then(Sample::contact)) {
             (None, _) => Err(Reject::Missing),
             (Some(sample), _) if sample.header.version != WIRE_VERSION => Err(Reject::Version),
             (Some(_), None) => Err(Reject::NoContactSense),
-            (Some(sample), Some(measurement)) => {
-                let in_range = self.controller.check(measurement);
+            (Some(sample), Some(contact)) => {
+                measurement = sample.measurement_of_state(contact);
+                sample.complete(&mut measurement);
+                let in_range = self.controller.check(&measurement);
                 in_range.and_then(|m| self.order.check(&sample.header).map(|()| m))
             }
         };

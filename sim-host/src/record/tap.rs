@@ -11,7 +11,7 @@ use crate::session::TickRecord;
 use leg_plant::{Body, Event, Phase};
 
 /// Capacity of the ring in ticks and events: a minute at 1 kHz, three seconds at
-/// 20 kHz, about 13 MB.
+/// 20 kHz, about 17 MB.
 pub(super) const RING_CAPACITY: usize = 1 << 16;
 
 /// Time between two checks whether a full ring has room again.
@@ -113,9 +113,9 @@ impl RecordTap {
             round_trip: tick.round_trip,
         };
         // The time of an event is relative to its tick, so it is useless without.
-        if self.push_entry(RingEntry::Tick(copy)) {
+        if self.push_entry(&RingEntry::Tick(copy)) {
             for event in tick.events.iter() {
-                self.push_entry(RingEntry::Event(*event));
+                self.push_entry(&RingEntry::Event(*event));
             }
         }
     }
@@ -126,11 +126,11 @@ impl RecordTap {
         self.state.dropped()
     }
 
-    fn push_entry(&mut self, entry: RingEntry) -> bool {
+    fn push_entry(&mut self, entry: &RingEntry) -> bool {
         while self.ring.is_full() && self.on_full == OnFull::Wait && !self.state.is_closed() {
             std::thread::sleep(POLL_INTERVAL);
         }
-        let pushed = self.ring.push(entry).is_ok();
+        let pushed = self.ring.push(*entry).is_ok();
         if !pushed {
             self.state.dropped.fetch_add(1, Ordering::Relaxed);
         }
