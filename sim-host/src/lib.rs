@@ -15,6 +15,7 @@ pub mod record;
 pub mod replay;
 pub mod robustness;
 pub mod scenario;
+pub mod sensors;
 pub mod session;
 pub mod shore;
 pub mod watch;

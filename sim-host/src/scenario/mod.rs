@@ -22,6 +22,7 @@ pub use profile::{Profile, SetPointCursor, SetPointStep, SetPoints};
 pub use settings::{DensitySense, LegPreset, MediumPreset, Points, Settings, StartSettings, Steps};
 
 use crate::faults::{self, Faults};
+use crate::sensors::{Figures, SensorProfile, SensorSetting};
 use leg_plant::{Body, Ground, Leg, Medium, TickPlant};
 
 /// Longest run, s.
@@ -53,6 +54,12 @@ pub struct Scenario {
     pub set_points: SetPoints,
     /// State at the start, with the random spread applied.
     pub start: Body,
+    /// Seed of everything random in the run.
+    pub seed: u64,
+    /// Profile of the leg's sensors.
+    pub sensor_profile: SensorProfile,
+    /// Figures of the leg's sensors: the profile's and the settings'.
+    pub sensors: Figures,
     /// Faults to inject.
     pub faults: Faults,
     /// Age from which on a command counts for nothing, and time without one after which the
@@ -188,6 +195,9 @@ impl Scenario {
         let seed = s.seed.unwrap_or(0);
         let density_sense = s.density.unwrap_or_default();
         let density_is_measured = density_sense == DensitySense::Measured;
+        let sensor_profile = s.sensors.unwrap_or_default();
+        let sensors = Figures::check(sensor_profile, &s.sensor_figures)
+            .map_err(|cause| BadValue { key: "sensor", what: cause.to_string() })?;
         let run = faults::RunParameters { seed, rate_hz, density_is_measured };
         let faults = Faults::check(&s.faults, &run)
             .map_err(|cause| BadValue { key: "fault", what: cause.to_string() })?;
@@ -206,6 +216,9 @@ impl Scenario {
             density_sense,
             set_points,
             start,
+            seed,
+            sensor_profile,
+            sensors,
             faults,
             stale_limit_ns: SAFE_AFTER_NS,
         })
@@ -277,6 +290,8 @@ impl Settings {
                 vx_spread_m_s: self.start.vx_spread_m_s.or(base.start.vx_spread_m_s),
                 y_spread_m: self.start.y_spread_m.or(base.start.y_spread_m),
             },
+            sensors: self.sensors.or(base.sensors),
+            sensor_figures: SensorSetting::merged(base.sensor_figures, self.sensor_figures),
             faults: base.faults.into_iter().chain(self.faults).collect(),
         }
     }

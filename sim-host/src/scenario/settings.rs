@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::profile::SetPointStep;
 use crate::faults::FaultSetting;
+use crate::sensors::{self, SensorProfile, SensorSetting};
 use leg_plant::LegParameters;
 
 /// A named leg.
@@ -93,6 +94,16 @@ pub struct Settings {
     /// Changes of the set-point, such as x30:1,t60:-0.5: 1 m/s from 30 m on, -0.5 m/s from 60 s on.
     #[arg(long = "set-point-steps", value_name = "STEPS", value_parser = parse_steps)]
     pub set_point_steps: Option<Steps>,
+
+    /// Sensors of the leg by name of their profile [default: ideal]; `sim-host sensors` lists
+    /// all.
+    #[arg(long, value_name = "PROFILE")]
+    pub sensors: Option<SensorProfile>,
+    /// Set a figure of a sensor, such as accelerometer-bias=0.5; may be given several times;
+    /// `sim-host sensors` lists all.
+    #[arg(long = "sensor", value_name = "FIGURE=VALUE")]
+    #[serde(rename = "sensor", with = "sensors::as_table", skip_serializing_if = "Vec::is_empty")]
+    pub sensor_figures: Vec<SensorSetting>,
 
     /// The start of the run.
     #[command(flatten)]

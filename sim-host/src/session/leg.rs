@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use leg_control::wire::{Command, Header, Sample, SensorReadings, WIRE_VERSION, flags};
+use leg_control::wire::{Command, Header, Sample, WIRE_VERSION, flags};
 
 use super::command_hold::CommandHold;
 use super::hash::StateHash;
@@ -11,6 +11,7 @@ use super::outcome::{Ending, Outcome};
 use super::timing::RoundTrips;
 use crate::faults::{Terrain, WorldCounts};
 use crate::scenario::{DensitySense, Scenario, SetPointCursor};
+use crate::sensors::{SensorModels, Truth};
 use leg_plant::{Body, EventKind, Flat, Ground, Medium, Phase, TickEvents, TickPlant};
 
 /// One tick of a run, as observers see it.
@@ -44,6 +45,9 @@ pub struct TickRecord<'a> {
     pub round_trip: Duration,
 }
 
+/// Angle of the safe command: upright.
+const SAFE_ANGLE_RAD: f64 = std::f64::consts::FRAC_PI_2;
+
 /// A leg that plays a scenario.
 #[derive(Debug)]
 pub struct Leg<'a> {
@@ -58,6 +62,9 @@ pub struct Leg<'a> {
     changes_medium: bool,
     world: WorldCounts,
     hold: CommandHold,
+    sensors: SensorModels,
+    /// Angle of the last command, which the leg holds in flight.
+    leg_angle_rad: f64,
     seq: u64,
     /// Ticks of the runs before the last restart.
     earlier_ticks: u64,
@@ -89,6 +96,8 @@ impl<'a> Leg<'a> {
                 1_000_000_000 / u64::from(scenario.rate_hz),
                 scenario.stale_limit_ns,
             ),
+            sensors: SensorModels::new(&scenario.sensors, scenario.rate_hz, scenario.seed),
+            leg_angle_rad: SAFE_ANGLE_RAD,
             seq: 0,
             earlier_ticks: 0,
             restarts: 0,
@@ -100,7 +109,7 @@ impl<'a> Leg<'a> {
             hash: StateHash::default(),
         };
         leg.update_medium();
-        leg.update_sample();
+        leg.sense([0.0; 2]);
         leg
     }
 
@@ -167,14 +176,16 @@ impl<'a> Leg<'a> {
         self.plant = self.scenario.plant();
         self.update_medium();
         self.hold.reset();
-        self.update_sample();
+        self.leg_angle_rad = SAFE_ANGLE_RAD;
+        self.sensors.clear();
+        self.sense([0.0; 2]);
     }
 
     /// Replaces the scenario's set-point from now on, m/s; `None` returns to the
     /// scenario's.
     pub fn override_set_point(&mut self, set_point_m_s: Option<f64>) {
         self.override_m_s = set_point_m_s;
-        self.update_sample();
+        self.update_set_point();
     }
 
     /// Returns whether a command answers the current sample.
@@ -241,8 +252,10 @@ impl<'a> Leg<'a> {
         });
         self.seq += 1;
         self.world.ticks += 1;
+        self.leg_angle_rad = plant_command.leg_angle_rad;
         self.update_medium();
-        self.update_sample();
+        let fallen_m_s = -self.scenario.gravity_m_s2 * dt_s;
+        self.sense([after.vx_m_s - body.vx_m_s, after.vy_m_s - body.vy_m_s - fallen_m_s]);
     }
 
     /// Returns the result of the run.
@@ -294,28 +307,43 @@ impl<'a> Leg<'a> {
         }
     }
 
-    fn update_sample(&mut self) {
+    /// Reads the sensors, once for each tick; the velocity changed by `impulse_m_s` more than
+    /// by gravity in the tick before.
+    fn sense(&mut self, impulse_m_s: [f64; 2]) {
         let body = self.plant.body();
         let ground_m = self.terrain.map_or(0.0, |terrain| terrain.height_m(body.x_m));
-        let mut flags_sensed =
-            flags::STATE_SENSED | flags::CONTACT_SENSED | flags::LEG_LENGTH_SENSED;
-        if matches!(self.plant.phase(), Phase::Stance { .. }) {
-            flags_sensed |= flags::IN_CONTACT;
-        }
-        let measured = self.scenario.density_sense == DensitySense::Measured;
-        if measured {
-            flags_sensed |= flags::DENSITY_SENSED;
-        }
-        let scheduled_m_s = self.set_points.at(self.t_s(), body.x_m);
-        self.sample = Sample {
-            header: self.header(flags_sensed),
-            set_point_m_s: self.override_m_s.unwrap_or(scheduled_m_s) as f32,
-            vx_m_s: body.vx_m_s as f32,
-            y_m: (body.y_m - ground_m) as f32,
-            vy_m_s: body.vy_m_s as f32,
-            leg_length_m: self.plant.leg_length_m() as f32,
-            density_ratio: if measured { self.medium.density_ratio() as f32 } else { 0.0 },
-            sensors: SensorReadings::default(),
+        let (is_on_ground, leg_angle_rad) = match self.plant.phase() {
+            Phase::Stance { foot_x_m, foot_y_m } => {
+                (true, libm::atan2(body.y_m - foot_y_m, body.x_m - foot_x_m))
+            }
+            Phase::Flight | Phase::Fallen => (false, self.leg_angle_rad),
         };
+        let truth = Truth {
+            tick: self.world.ticks,
+            velocity_m_s: [body.vx_m_s, body.vy_m_s],
+            height_m: body.y_m - ground_m,
+            y_m: body.y_m,
+            is_on_ground,
+            leg_length_m: self.plant.leg_length_m(),
+            leg_angle_rad,
+            // The body of this plant is a point: it keeps level.
+            pitch_rad: 0.0,
+            pitch_rate_rad_s: 0.0,
+            impulse_m_s,
+            gravity_m_s2: self.scenario.gravity_m_s2,
+            density_ratio: self.medium.density_ratio(),
+        };
+        self.sample = Sample { header: self.header(0), ..Sample::default() };
+        self.sensors.read(&truth, &mut self.sample);
+        if self.scenario.density_sense == DensitySense::Measured {
+            self.sample.header.flags |= flags::DENSITY_SENSED;
+            self.sample.density_ratio = self.medium.density_ratio() as f32;
+        }
+        self.update_set_point();
+    }
+
+    fn update_set_point(&mut self) {
+        let scheduled_m_s = self.set_points.at(self.t_s(), self.plant.body().x_m);
+        self.sample.set_point_m_s = self.override_m_s.unwrap_or(scheduled_m_s) as f32;
     }
 }

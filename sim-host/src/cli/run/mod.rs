@@ -32,6 +32,7 @@ fn in_options(error: &ScenarioError) -> String {
             "start.y_spread_m" => Some("--start-y-spread"),
             "start.vx_spread_m_s" => Some("--start-vx-spread"),
             "fault" => Some("--fault"),
+            "sensor" => Some("--sensor"),
             _ => None,
         },
         _ => None,
