@@ -15,6 +15,7 @@ mod recording;
 mod replay;
 mod robustness;
 mod run;
+mod sensors;
 mod shore;
 mod watch;
 
@@ -63,6 +64,8 @@ enum Command {
     Estimation(estimation::Args),
     /// List the faults for `run --fault`.
     Faults,
+    /// List the sensors for `run --sensors`: profiles, figures, ranges and sources.
+    Sensors(sensors::Args),
     /// Measure the time of a tick on this machine.
     Bench {
         /// The benchmark.
@@ -95,6 +98,7 @@ fn run_command(program: &Program) -> anyhow::Result<ExitCode> {
         Some(Command::Robustness(args)) => robustness::main(args),
         Some(Command::Estimation(args)) => estimation::main(args),
         Some(Command::Faults) => faults::main(),
+        Some(Command::Sensors(args)) => sensors::main(args),
         Some(Command::Plot(args)) => plot::main(args),
         Some(Command::Recorder { path }) => Ok(crate::record::writer_process(path)),
         Some(Command::Apex(args)) => apex::main(args),

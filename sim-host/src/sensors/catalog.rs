@@ -46,6 +46,8 @@ pub(super) const TABLE: &[Row] = {
     use Quantity::*;
     use Sensor::*;
     &[
+        row(Sample, Latency, 0.0, MOST_DELAY_S, NONE),
+
         row(State, Rate, 0.0, EVERY_TICK_HZ, ABSENT),
         row(State, Latency, 0.0, MOST_DELAY_S, EXACT),
         row(State, Jitter, 0.0, MOST_DELAY_S, NONE),
@@ -61,7 +63,7 @@ pub(super) const TABLE: &[Row] = {
         row(Contact, Rate, EVERY_TICK_HZ, EVERY_TICK_HZ, "every tick; 0: no switch"),
         row(Contact, Latency, 0.001, MOST_DELAY_S, "chosen: 1 to 3 ms with the jitter; unknown to the controller"),
         row(Contact, Jitter, 0.002, MOST_DELAY_S, "chosen, drawn for each edge"),
-        row(Contact, Bounce, 0.0062, 1.0, "Ganssle, A Guide to Debouncing: of 16 switches at most 6.2 ms"),
+        row(Contact, Bounce, 0.0062, 1.0, "Ganssle, A Guide to Debouncing: 6.2 ms at most of 16 switches"),
         row(Contact, Chatter, 0.0, 1000.0, NONE),
 
         row(LegLength, Rate, EVERY_TICK_HZ, EVERY_TICK_HZ, "every tick"),
@@ -90,7 +92,7 @@ pub(super) const TABLE: &[Row] = {
         row(Accelerometer, Latency, 0.0, MOST_DELAY_S, NONE),
         row(Accelerometer, Jitter, 0.0, MOST_DELAY_S, NONE),
         row(Accelerometer, Dropout, 0.0, 1.0, NONE),
-        row(Accelerometer, Noise, 175e-6 * G, 1.0, "Bosch BMI088 flyer: 175 ug/sqrt(Hz)"),
+        row(Accelerometer, Noise, 175e-6 * G, 1.0, "Bosch BMI088: 175 ug/sqrt(Hz)"),
         row(Accelerometer, Bias, 0.02 * G, 100.0, "Bosch BMI088 data sheet: zero-g offset of 20 mg"),
         row(Accelerometer, Walk, 0.001, 100.0, CHOSEN),
         row(Accelerometer, Scale, 0.005, 1.0, "chosen: 0.5 %"),
@@ -122,7 +124,7 @@ pub(super) const TABLE: &[Row] = {
         row(Velocity, Dropout, 0.02, 1.0, CHOSEN),
         row(Velocity, Noise, 0.01, 10.0, CHOSEN),
         row(Velocity, NoiseShare, 0.01, 1.0, "chosen: 1 % of the speed"),
-        row(Velocity, Bias, 0.001, 10.0, "Water Linked DVL A50 data sheet: long-term accuracy of 0.1 cm/s"),
+        row(Velocity, Bias, 0.001, 10.0, "Water Linked documentation, DVL A50: long-term accuracy of 0.1 cm/s"),
         row(Velocity, Scale, 0.01, 1.0, "chosen: 1 %, as by the speed of sound"),
         row(Velocity, Resolution, 0.0, 10.0, "chosen: below the noise"),
         row(Velocity, Range, 0.0, 1e6, NONE),
@@ -150,7 +152,7 @@ pub(super) const TABLE: &[Row] = {
         row(Pressure, Scale, 0.0, 1.0, "in the bias"),
         row(Pressure, Resolution, 10.0, 1e6, "TE MS5837-30BA data sheet: reports 0.1 mbar"),
         row(Pressure, Range, 3e6, 1e9, "TE MS5837-30BA data sheet: 30 bar"),
-        row(Pressure, Surface, 10.0, 1e4, "chosen: 10 m above the ground at 0"),
+        row(Pressure, Surface, 10.0, 1e4, "chosen: 10 m above level 0"),
     ]
 };
 
@@ -189,10 +191,10 @@ impl Figures {
         index(sensor, quantity).map_or(0.0, |row| self.0[row])
     }
 
-    /// Returns whether the leg has this sensor.
+    /// Returns whether the leg has this sensor: whether its rate, if it has one, is above 0.
     #[must_use]
     pub fn has(&self, sensor: Sensor) -> bool {
-        self.of(sensor, Quantity::Rate) > 0.0
+        index(sensor, Quantity::Rate).is_none_or(|row| self.0[row] > 0.0)
     }
 
     fn set(&mut self, sensor: Sensor, quantity: Quantity, value: f64) {

@@ -5,6 +5,8 @@ use std::fmt;
 /// A sensor of the simulated leg.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sensor {
+    /// The sample as a whole, with whatever sensors the leg has.
+    Sample,
     /// Velocities and height as the leg's state: `vx_m_s`, `y_m` and `vy_m_s` of a sample.
     State,
     /// Contact switch of the foot.
@@ -29,7 +31,8 @@ pub enum Sensor {
 
 impl Sensor {
     /// The sensors in the order of the lists.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
+        Self::Sample,
         Self::State,
         Self::Contact,
         Self::LegLength,
@@ -46,6 +49,7 @@ impl Sensor {
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
+            Self::Sample => "sample",
             Self::State => "state",
             Self::Contact => "contact",
             Self::LegLength => "leg-length",
@@ -59,12 +63,30 @@ impl Sensor {
         }
     }
 
+    /// Returns what it measures.
+    #[must_use]
+    pub fn about(self) -> &'static str {
+        match self {
+            Self::Sample => "all readings of a tick, with their stamp",
+            Self::State => "velocities and height: vx, y and vy of a sample",
+            Self::Contact => "contact switch of the foot",
+            Self::LegLength => "encoder of the leg's length",
+            Self::LegAngle => "encoder of the leg's angle from the body",
+            Self::Accelerometer => "specific force in body axes, of which a sample has the sum",
+            Self::Gyro => "rate of the body's pitch",
+            Self::Pitch => "orientation of the body, from an attitude reference",
+            Self::Velocity => "Doppler velocity log (DVL): velocity over the ground",
+            Self::Height => "echo sounder: height above the ground",
+            Self::Pressure => "pressure of the fluid",
+        }
+    }
+
     /// Returns the unit of its reading.
     #[must_use]
     pub fn unit(self) -> &'static str {
         match self {
             Self::State => "m/s, m",
-            Self::Contact => "",
+            Self::Sample | Self::Contact => "",
             Self::LegLength | Self::Height => "m",
             Self::LegAngle | Self::Pitch => "rad",
             Self::Accelerometer => "m/s2",

@@ -19,12 +19,14 @@ mod channel;
 mod contact;
 mod delivery;
 mod figure;
+mod listing;
 mod models;
 mod profile;
 mod setting;
 
 pub use catalog::Figures;
 pub use figure::{Figure, Quantity, Sensor};
+pub use listing::{Listing, help};
 pub use models::{SensorModels, Truth};
 pub use profile::SensorProfile;
 pub(crate) use setting::as_table;

@@ -1,7 +1,9 @@
 //! All sensors of a leg, tick by tick.
 
+use std::collections::VecDeque;
+
 use leg_control::measurement::SpecificImpulse;
-use leg_control::wire::{Sample, flags};
+use leg_control::wire::{Header, Sample, flags};
 
 use super::accelerometer::Accelerometer;
 use super::catalog::Figures;
@@ -101,6 +103,9 @@ pub struct SensorModels {
     velocity: Option<Model<2>>,
     height: Option<Model<1>>,
     pressure: Option<Model<1>>,
+    /// Samples of the last ticks that are not sent yet, oldest first.
+    late: VecDeque<Sample>,
+    late_ticks: usize,
 }
 
 impl SensorModels {
@@ -108,6 +113,8 @@ impl SensorModels {
     #[must_use]
     pub fn new(figures: &Figures, rate_hz: u32, seed: u64) -> Self {
         let accelerometer = Sensor::Accelerometer;
+        let late_s = figures.of(Sensor::Sample, Quantity::Latency);
+        let late_ticks = libm::round(late_s * f64::from(rate_hz)) as usize;
         Self {
             tick_s: 1.0 / f64::from(rate_hz),
             surface_m: figures.of(Sensor::Pressure, Quantity::Surface),
@@ -122,6 +129,8 @@ impl SensorModels {
             velocity: Model::new(figures, Sensor::Velocity, rate_hz, seed),
             height: Model::new(figures, Sensor::Height, rate_hz, seed),
             pressure: Model::new(figures, Sensor::Pressure, rate_hz, seed),
+            late: VecDeque::with_capacity(late_ticks + 1),
+            late_ticks,
         }
     }
 
@@ -141,6 +150,22 @@ impl SensorModels {
         single.into_iter().flatten().for_each(Model::clear);
         self.impulse.iter_mut().for_each(Delivery::clear);
         self.velocity.iter_mut().for_each(Model::clear);
+        self.late.clear();
+    }
+
+    /// Returns the sample that is sent in the tick in which `sample` was read: the same, unless
+    /// samples are late. A late one has the readings and the time of the tick that it was read
+    /// in, and the number of the tick that it is sent in. Before the first there is none with
+    /// readings.
+    pub fn sent(&mut self, sample: Sample) -> Sample {
+        self.late.push_back(sample);
+        let header = sample.header;
+        if self.late.len() <= self.late_ticks {
+            let none = Header { flags: 0, ..header };
+            return Sample { header: none, ..Sample::default() };
+        }
+        let read = self.late.pop_front().unwrap_or(sample);
+        Sample { header: Header { seq: header.seq, ..read.header }, ..read }
     }
 
     /// Writes the readings of a tick, and their flags, into a sample that has none.

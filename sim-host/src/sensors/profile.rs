@@ -50,16 +50,19 @@ const IDEAL: &[OwnFigure] = {
 
 const TRAINED_WITH: &[OwnFigure] = {
     use Quantity::{Bounce, Jitter, Latency, Noise, Rate, Uniform};
-    use Sensor::{Contact, LegLength, State};
-    const LATE: &str = "chosen: 20 ms, as the state's";
+    use Sensor::{Contact, LegLength, Sample, State};
     &[
+        own(Sample, Latency, 0.02, "chosen; walk-these-ways trains with up to 30 ms"),
         own(State, Rate, EVERY_TICK_HZ, TICK),
-        own(State, Uniform, 0.1, "legged_gym: uniform noise of 0.1 m/s on the linear velocity"),
-        own(State, Latency, 0.02, "chosen: 20 ms; walk-these-ways trains with up to 30 ms"),
-        own(Contact, Latency, 0.02, LATE),
+        own(
+            State,
+            Uniform,
+            0.1,
+            "legged_gym: uniform noise of 0.1 m/s on the velocity and 0.1 m on heights",
+        ),
+        own(Contact, Latency, 0.0, EXACT),
         own(Contact, Jitter, 0.0, EXACT),
         own(Contact, Bounce, 0.0, EXACT),
-        own(LegLength, Latency, 0.02, LATE),
         own(LegLength, Noise, 0.0, EXACT),
     ]
 };
@@ -103,6 +106,21 @@ impl SensorProfile {
             Self::TrainedWith => "trained-with",
             Self::Imu => "imu",
             Self::Underwater => "underwater",
+        }
+    }
+
+    /// Returns what sensors it has.
+    #[must_use]
+    pub fn about(self) -> &'static str {
+        match self {
+            Self::Ideal => "the state itself, exact, at every tick",
+            Self::TrainedWith => {
+                "the state as simulators for training blur it: uniform noise, and 20 ms late"
+            }
+            Self::Imu => {
+                "an inertial sensor, encoders and a contact switch: no velocity, height or density"
+            }
+            Self::Underwater => "as imu, with a Doppler velocity log and a pressure gauge",
         }
     }
 

@@ -108,8 +108,8 @@ impl Figures {
             if figure.quantity != Quantity::Rate && !figures.has(figure.sensor) {
                 let (name, sensor) = (profile.name(), figure.sensor.name());
                 return Err(SensorError(format!(
-                    "{setting}: the leg has no sensor `{sensor}` in the profile {name}; a {sensor}-rate \
-                     above 0 adds it"
+                    "{setting}: the leg has no sensor `{sensor}` in the profile {name}; \
+                     {sensor}-rate above 0 adds it"
                 )));
             }
         }

@@ -210,9 +210,10 @@ impl<'a> Leg<'a> {
     ) {
         let (seq, t_s, dt_s) = (self.seq, self.t_s(), self.scenario.tick_s());
         let (body, phase, medium) = (self.plant.body(), self.plant.phase(), self.medium);
-        let is_new = self.hold.update(&self.sample.header, fresh);
-        let command = self.hold.in_force(&self.sample.header);
-        let plant_command = self.hold.plant_command(&self.sample.header);
+        let now = self.header(0);
+        let is_new = self.hold.update(&now, fresh);
+        let command = self.hold.in_force(&now);
+        let plant_command = self.hold.plant_command(&now);
 
         let events = match &self.terrain {
             None => self.plant.step(dt_s, plant_command, medium, &Flat),
@@ -333,12 +334,13 @@ impl<'a> Leg<'a> {
             gravity_m_s2: self.scenario.gravity_m_s2,
             density_ratio: self.medium.density_ratio(),
         };
-        self.sample = Sample { header: self.header(0), ..Sample::default() };
-        self.sensors.read(&truth, &mut self.sample);
+        let mut sample = Sample { header: self.header(0), ..Sample::default() };
+        self.sensors.read(&truth, &mut sample);
         if self.scenario.density_sense == DensitySense::Measured {
-            self.sample.header.flags |= flags::DENSITY_SENSED;
-            self.sample.density_ratio = self.medium.density_ratio() as f32;
+            sample.header.flags |= flags::DENSITY_SENSED;
+            sample.density_ratio = self.medium.density_ratio() as f32;
         }
+        self.sample = self.sensors.sent(sample);
         self.update_set_point();
     }
 

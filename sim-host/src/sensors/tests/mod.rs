@@ -2,6 +2,7 @@
 
 mod channels;
 mod runs;
+mod settings;
 
 use super::*;
 
