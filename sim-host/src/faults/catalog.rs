@@ -17,6 +17,8 @@ pub enum FaultKind {
     Bias,
     Stuck,
     Nan,
+    Dead,
+    Switch,
     Lag,
     Saturate,
     Mass,
@@ -43,7 +45,7 @@ const SENSOR: &str = "samples";
 const ACTUATOR: &str = "commands";
 const WORLD: &str = "the leg, the ground and the medium";
 
-const TABLE: [KindInfo; 20] = [
+const TABLE: [KindInfo; 22] = [
     KindInfo {
         kind: FaultKind::Drop,
         name: "drop",
@@ -103,7 +105,7 @@ const TABLE: [KindInfo; 20] = [
     KindInfo {
         kind: FaultKind::Noise,
         name: "noise",
-        value: "m/s or m, 0 to 100",
+        value: "unit of the field, 0 to 100",
         keys: &["as", "correlation", "field", "from", "until"],
         acts: SENSOR,
         about: "standard deviation of normal noise; as=uniform: largest deviation of uniform noise; correlation= is the time over which normal noise keeps 37 % of itself (0 to 10 s, default 0); with field=contact, the share of inverted readings",
@@ -111,7 +113,7 @@ const TABLE: [KindInfo; 20] = [
     KindInfo {
         kind: FaultKind::Bias,
         name: "bias",
-        value: "m/s or m, -100 to 100",
+        value: "unit of the field, -100 to 100",
         keys: &["field", "from", "until"],
         acts: SENSOR,
         about: "constant added to the reading; field= is required",
@@ -131,6 +133,22 @@ const TABLE: [KindInfo; 20] = [
         keys: &["field", "from", "until"],
         acts: SENSOR,
         about: "share of the samples whose reading is NaN",
+    },
+    KindInfo {
+        kind: FaultKind::Dead,
+        name: "dead",
+        value: "a field",
+        keys: &["at", "until"],
+        acts: SENSOR,
+        about: "samples no longer have this reading, as of a sensor that is dead; at= and until= are times (5s)",
+    },
+    KindInfo {
+        kind: FaultKind::Switch,
+        name: "switch",
+        value: "closed or open",
+        keys: &["at", "until"],
+        acts: SENSOR,
+        about: "the contact switch sticks; at= and until= are times (5s)",
     },
     KindInfo {
         kind: FaultKind::Lag,
@@ -234,7 +252,9 @@ impl FaultKind {
             | Self::Medium
             | Self::Freeze => "ticks",
             Self::Ground => "touchdowns above or below 0",
-            Self::Noise | Self::Bias | Self::Stuck | Self::Nan => "samples",
+            Self::Noise | Self::Bias | Self::Stuck | Self::Nan | Self::Dead | Self::Switch => {
+                "samples"
+            }
             Self::Lag | Self::Saturate => "commands",
             _ => "messages",
         }
@@ -271,8 +291,11 @@ pub fn help() -> String {
     text.push_str(
         "\nkeys\n\
          \x20 direction    samples, commands or both (default)\n\
-         \x20 field        vx, y, vy, leg-length, density (if the run has that sensor), contact (noise\n\
-         \x20              and stuck only) or all (default: the first four)\n\
+         \x20 field        vx, y, vy (m/s and m), leg-length, height (m), leg-angle, pitch (rad),\n\
+         \x20              pitch-rate (rad/s), acceleration (m/s2), velocity (m/s), pressure (Pa; its\n\
+         \x20              values may be 10000 times as large), density or contact (noise, stuck and\n\
+         \x20              dead only), each if the run has that sensor; or all (default: the first\n\
+         \x20              four)\n\
          \x20 from, until  time at which the fault begins and ends, s from the start (5 or 5s)\n",
     );
     text

@@ -6,11 +6,14 @@ use std::ops::RangeInclusive;
 use crate::faults::stage::Window;
 use crate::faults::stage::actuator::Limit;
 use crate::faults::stage::message::FreezeMode;
-use crate::faults::stage::sensor::{Reading, ReadingFault, StuckTarget};
+use crate::faults::stage::sensor::{Reading, ReadingFault, SensorTarget};
 
 use leg_plant::Losses;
 
+use crate::sensors::Figures;
+
 use super::catalog::FaultKind;
+use super::field::{ACCELERATION, FIELDS, most};
 use super::setting::{FaultError, FaultSetting};
 use super::{
     ActuatorFault, Direction, Fault, FaultEffect, Faults, MessageFault, RandomTerrain, SensorFault,
@@ -25,17 +28,18 @@ const MAX_TIME_S: f64 = 86_400.0;
 const MAX_PLACE_M: f64 = 1e6;
 
 /// The parameters of a run that faults depend on.
-pub(crate) struct RunParameters {
+pub(crate) struct RunParameters<'a> {
     pub(crate) seed: u64,
     pub(crate) rate_hz: u32,
     pub(crate) density_is_measured: bool,
+    pub(crate) sensors: &'a Figures,
 }
 
 impl Faults {
     /// Checks all settings.
     pub(crate) fn check(
         settings: &[FaultSetting],
-        run: &RunParameters,
+        run: &RunParameters<'_>,
     ) -> Result<Self, FaultError> {
         let mut all: Vec<Fault> = Vec::with_capacity(settings.len());
         for setting in settings {
@@ -53,7 +57,7 @@ impl Faults {
 
 struct Checker<'a> {
     setting: &'a FaultSetting,
-    run: &'a RunParameters,
+    run: &'a RunParameters<'a>,
 }
 
 impl Checker<'_> {
@@ -92,20 +96,33 @@ impl Checker<'_> {
                     let what = "bias needs field=, because each reading has its own unit";
                     return Err(FaultError(format!("{}: {what}", self.setting)));
                 }
-                let by = self.number("value", self.value(), -100.0..=100.0)?;
-                self.sensor(SensorFault::Readings(self.readings()?, ReadingFault::Bias(by)))
+                let readings = self.readings()?;
+                let most = most(readings);
+                let by = self.number("value", self.value(), -most..=most)?;
+                self.sensor(SensorFault::Readings(readings, ReadingFault::Bias(by)))
             }
-            FaultKind::Nan => {
-                let fault = ReadingFault::NotANumber(self.share()?);
-                self.sensor(SensorFault::Readings(self.readings()?, fault))
-            }
+            FaultKind::Nan => self.not_a_number(),
             FaultKind::Stuck => {
-                let target = match self.field()? {
-                    Field::Contact => StuckTarget::Contact,
-                    Field::Readings(readings) => StuckTarget::Readings(readings),
-                };
+                let target = self.field()?;
                 let ticks = self.whole("value", self.value(), DURATION_TICKS)?;
                 self.sensor(SensorFault::Stuck { target, ticks, chance: self.chance()? })
+            }
+            FaultKind::Dead => {
+                let target = self.target("value", self.value())?;
+                Ok(FaultEffect::Sensor {
+                    fault: SensorFault::Dead(target),
+                    window: self.lasting()?,
+                })
+            }
+            FaultKind::Switch => {
+                let is_closed = match self.value() {
+                    "closed" => true,
+                    "open" => false,
+                    other => return Err(self.bad("value", other, "it must be closed or open")),
+                };
+                self.target("value", "contact")?;
+                let fault = SensorFault::Switch { is_closed };
+                Ok(FaultEffect::Sensor { fault, window: self.lasting()? })
             }
             FaultKind::Lag => {
                 self.actuator(ActuatorFault::Lag(self.number("value", self.value(), 0.0..=10.0)?))
@@ -194,6 +211,15 @@ impl Checker<'_> {
     }
 
     fn window(&self) -> Result<Window, FaultError> {
+        self.window_from("from")
+    }
+
+    /// Returns the window of a fault that is there from a time on, as a rule to the end.
+    fn lasting(&self) -> Result<Window, FaultError> {
+        self.window_from("at")
+    }
+
+    fn window_from(&self, from: &str) -> Result<Window, FaultError> {
         let tick = |key: &str| {
             let Some(text) = self.key(key) else { return Ok(None) };
             let seconds = text.strip_suffix('s').unwrap_or(text);
@@ -201,11 +227,11 @@ impl Checker<'_> {
             Ok(Some((seconds * f64::from(self.run.rate_hz)).ceil() as u64))
         };
         let window = Window {
-            from: tick("from")?.unwrap_or(Window::ALWAYS.from),
+            from: tick(from)?.unwrap_or(Window::ALWAYS.from),
             until: tick("until")?.unwrap_or(Window::ALWAYS.until),
         };
         if window.from >= window.until {
-            return Err(FaultError(format!("{}: until must be later than from", self.setting)));
+            return Err(FaultError(format!("{}: until must be later than {from}", self.setting)));
         }
         Ok(window)
     }
@@ -231,35 +257,56 @@ impl Checker<'_> {
         Ok(FaultEffect::Actuator { fault, window: self.window()? })
     }
 
-    fn field(&self) -> Result<Field, FaultError> {
-        let readings: &'static [Reading] = match self.key("field") {
-            None | Some("all") => Reading::MOTION,
-            Some("vx") => &[Reading::Vx],
-            Some("y") => &[Reading::Y],
-            Some("vy") => &[Reading::Vy],
-            Some("leg-length") => &[Reading::LegLength],
-            Some("density") if self.run.density_is_measured => &[Reading::Density],
-            Some("density") => {
-                let what = "this run has no density sensor; density = \"measured\" adds one";
-                return Err(self.bad("field", "density", what));
-            }
-            Some("contact") => return Ok(Field::Contact),
-            Some(other) => {
-                let what = "it must be vx, y, vy, leg-length, density, contact or all";
-                return Err(self.bad("field", other, what));
-            }
+    /// Returns the readings of the key `field`; without it those of the state and the leg's
+    /// length.
+    fn field(&self) -> Result<SensorTarget, FaultError> {
+        match self.key("field") {
+            None | Some("all") => Ok(SensorTarget::Readings(Reading::MOTION)),
+            Some(name) => self.target("field", name),
+        }
+    }
+
+    /// Returns the readings of a field of this name, which `key` has.
+    fn target(&self, key: &str, name: &str) -> Result<SensorTarget, FaultError> {
+        let Some((_, sensor, target)) = FIELDS.iter().find(|(field, ..)| *field == name) else {
+            let names = FIELDS.map(|(field, ..)| field).join(", ");
+            let all = if key == "field" { " or all" } else { "" };
+            return Err(self.bad(key, name, format!("it must be {names}{all}")));
         };
-        Ok(Field::Readings(readings))
+        match sensor {
+            Some(sensor) if !self.run.sensors.has(*sensor) => {
+                let sensor = sensor.name();
+                let what = format!("this run has no such sensor; {sensor}-rate above 0 adds it");
+                Err(self.bad(key, name, what))
+            }
+            None if !self.run.density_is_measured => {
+                let what = "this run has no density sensor; density = \"measured\" adds one";
+                Err(self.bad(key, name, what))
+            }
+            _ => Ok(*target),
+        }
     }
 
     fn readings(&self) -> Result<&'static [Reading], FaultError> {
         match self.field()? {
-            Field::Readings(readings) => Ok(readings),
-            Field::Contact => {
-                let what = "the contact reading is true or false; only noise and stuck apply to it";
+            SensorTarget::Readings(readings) => Ok(readings),
+            SensorTarget::Contact => {
+                let what = "the contact reading is true or false; only noise, stuck and dead apply \
+                            to it";
                 Err(self.bad("field", "contact", what))
             }
         }
+    }
+
+    fn not_a_number(&self) -> Result<FaultEffect, FaultError> {
+        let fault = ReadingFault::NotANumber(self.share()?);
+        let readings = self.readings()?;
+        if readings == ACCELERATION {
+            let what = "the sum of the accelerometer is a whole number and never NaN; dead=acceleration \
+                        takes it away";
+            return Err(self.bad("field", "acceleration", what));
+        }
+        self.sensor(SensorFault::Readings(readings, fault))
     }
 
     fn noise(&self) -> Result<FaultEffect, FaultError> {
@@ -273,15 +320,15 @@ impl Checker<'_> {
             Some(other) => return Err(self.bad("as", other, "it must be normal or uniform")),
         };
         let readings = match self.field()? {
-            Field::Contact if is_uniform || correlation_s > 0.0 => {
+            SensorTarget::Contact if is_uniform || correlation_s > 0.0 => {
                 let what = "noise of the contact reading is a share of inverted readings and has \
                             neither as nor correlation";
                 return Err(FaultError(format!("{}: {what}", self.setting)));
             }
-            Field::Contact => return self.sensor(SensorFault::ContactNoise(self.share()?)),
-            Field::Readings(readings) => readings,
+            SensorTarget::Contact => return self.sensor(SensorFault::ContactNoise(self.share()?)),
+            SensorTarget::Readings(readings) => readings,
         };
-        let size = self.number("value", self.value(), 0.0..=100.0)?;
+        let size = self.number("value", self.value(), 0.0..=most(readings))?;
         let noise = if correlation_s > 0.0 {
             if is_uniform {
                 let what = "uniform noise has no correlation; normal noise may";
@@ -338,9 +385,4 @@ impl Checker<'_> {
         let from = trigger("at")?.unwrap_or(Trigger::Time(0.0));
         Ok(FaultEffect::Medium { density_ratio, from, until: trigger("until")? })
     }
-}
-
-enum Field {
-    Readings(&'static [Reading]),
-    Contact,
 }

@@ -2,6 +2,7 @@
 
 mod catalog;
 mod check;
+mod field;
 mod setting;
 pub mod stage;
 mod terrain;
@@ -11,7 +12,7 @@ use std::fmt;
 use crate::faults::stage::actuator::{Lag, Limit, Saturate};
 use crate::faults::stage::message::{Corrupt, Delay, Duplicate, Freeze, FreezeMode, Loss, Reorder};
 use crate::faults::stage::sensor::{
-    ContactNoise, FaultyReadings, Reading, ReadingFault, Stuck, StuckTarget,
+    ContactNoise, Dead, FaultyReadings, Reading, ReadingFault, SensorTarget, Stuck, StuckSwitch,
 };
 use crate::faults::stage::{FaultPipeline, FaultPlan, FaultRng, FaultStage, Window, WireMessage};
 use leg_plant::Losses;
@@ -78,7 +79,9 @@ enum MessageFault {
 enum SensorFault {
     Readings(&'static [Reading], ReadingFault),
     ContactNoise(f64),
-    Stuck { target: StuckTarget, ticks: u32, chance: f64 },
+    Stuck { target: SensorTarget, ticks: u32, chance: f64 },
+    Dead(SensorTarget),
+    Switch { is_closed: bool },
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -290,6 +293,8 @@ impl SensorFault {
             Self::Stuck { target, ticks, chance } => {
                 Box::new(Stuck::new(target, ticks.into(), chance, rng))
             }
+            Self::Dead(target) => Box::new(Dead(target)),
+            Self::Switch { is_closed } => Box::new(StuckSwitch { is_closed }),
         }
     }
 }

@@ -93,7 +93,18 @@ fn an_invalid_fault_is_refused_with_the_valid_values() {
         ("noise=1,as=uniform,correlation=0.1", ["uniform noise", "no correlation"]),
         ("noise=0.1,field=contact,as=uniform", ["contact reading", "neither as nor"]),
         ("bias=1", ["needs field=", "unit"]),
-        ("nan=0.1,field=contact", ["field is contact", "noise and stuck"]),
+        ("nan=0.1,field=contact", ["field is contact", "only noise, stuck and dead"]),
+        ("noise=1,field=up", ["field is up", "vx, y, vy, leg-length, leg-angle, acceleration"]),
+        (
+            "noise=1,field=pitch",
+            ["field is pitch; this run has no such sensor", "pitch-rate above"],
+        ),
+        ("bias=1,field=acceleration", ["no such sensor", "accelerometer-rate above 0 adds it"]),
+        ("dead=all", ["dead is all", "density, contact"]),
+        ("dead=pressure", ["dead is pressure", "pressure-rate above 0 adds it"]),
+        ("dead=vx,at=5h", ["at is 5h", "a number"]),
+        ("dead=vx,at=5,until=4", ["until must be later than at", "dead=vx"]),
+        ("switch=half", ["switch is half", "closed or open"]),
         ("saturate=1", ["field is missing", "angle, angle-rate or elongation-rate"]),
         ("mass=0", ["mass is 0", "from 0.1 to 10"]),
         ("damping=1001", ["damping is 1001", "from 0 to 1000"]),
@@ -156,6 +167,39 @@ fn a_run_without_faults_is_unchanged_and_faults_depend_on_the_seed() {
         assert_ne!(seeded(1, fault), seeded(2, fault), "{fault}");
         assert_ne!(seeded(1, fault), inline.state_hash, "{fault}");
     }
+}
+
+#[test]
+fn faults_reach_the_readings_of_an_inertial_sensor() {
+    let imu = |fault: &str| {
+        let run = scenario(&format!("{SHORT}sensors = \"underwater\"\n[[fault]]\n{fault}"));
+        let mut readings = Vec::new();
+        let plan = std::cell::RefCell::new(run.faults.plan());
+        with_policy(|mut controller| {
+            let law = |sample: Option<&_>| controller.tick(sample);
+            stepped::run(&run, law, Options::default(), |tick| {
+                readings.push(plan.borrow_mut().samples.pass(tick.seq, Some(*tick.sample)));
+            })
+        })
+        .unwrap();
+        let count = plan.borrow().count(0);
+        (readings, count)
+    };
+    let untouched = imu("noise = 0.0\nfield = \"pitch\"\nfrom = 50").0;
+    for fault in ["leg-angle", "acceleration", "pitch", "pitch-rate", "pressure"] {
+        let noise = imu(&format!("noise = 0.5\nfield = \"{fault}\""));
+        assert!(noise.1 > 200 && noise.0 != untouched, "{fault}: {}", noise.1);
+        let dead = imu(&format!("dead = \"{fault}\"\nat = 5"));
+        assert_eq!(dead.1, 1000, "{fault}");
+        assert_eq!(dead.0[..5000], untouched[..5000], "{fault}");
+        assert!(dead.0[5000..].iter().zip(&untouched[5000..]).any(|(dead, old)| dead != old));
+    }
+    let pressure = "[[fault]]\nbias = 20000\nfield = \"pressure\"";
+    scenario(&format!("sensors = \"underwater\"\n{pressure}"));
+    let refused =
+        Settings::from_toml("sensors = \"imu\"\n[[fault]]\nnan = 0.1\nfield = \"acceleration\"");
+    let refused = Scenario::from_settings(&refused.unwrap()).unwrap_err().to_string();
+    assert!(refused.contains("never NaN; dead=acceleration takes it away"), "{refused}");
 }
 
 #[test]

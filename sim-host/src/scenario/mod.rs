@@ -198,7 +198,7 @@ impl Scenario {
         let sensor_profile = s.sensors.unwrap_or_default();
         let sensors = Figures::check(sensor_profile, &s.sensor_figures)
             .map_err(|cause| BadValue { key: "sensor", what: cause.to_string() })?;
-        let run = faults::RunParameters { seed, rate_hz, density_is_measured };
+        let run = faults::RunParameters { seed, rate_hz, density_is_measured, sensors: &sensors };
         let faults = Faults::check(&s.faults, &run)
             .map_err(|cause| BadValue { key: "fault", what: cause.to_string() })?;
         let mut start = start(&s.start, seed, &leg, &guard)?;

@@ -14,6 +14,9 @@ use leg_process::Stop;
 use sim_host::faults::stage::message::{
     Corrupt, Delay, Duplicate, Freeze, FreezeMode, Loss, Reorder,
 };
+use sim_host::faults::stage::sensor::{
+    Dead, FaultyReadings, Reading, ReadingFault, SensorTarget, Stuck, StuckSwitch,
+};
 use sim_host::faults::stage::{
     FaultPipeline, FaultPlan, FaultRng, FaultyLink, Window, WireMessage,
 };
@@ -135,5 +138,14 @@ pub(crate) fn all_inactive() -> FaultPlan {
     let mut plan = FaultPlan::default();
     put(&mut plan.samples);
     put(&mut plan.commands);
+    let later = Window { from: 1 << 40, until: u64::MAX };
+    let rng = FaultRng::new(1, 2);
+    let acceleration = &[Reading::ImpulseX, Reading::ImpulseY];
+    let target = SensorTarget::Readings(acceleration);
+    plan.samples.push(8, later, Box::new(Dead(target)));
+    plan.samples.push(9, later, Box::new(StuckSwitch { is_closed: true }));
+    let noise = FaultyReadings::new(acceleration, ReadingFault::Noise(1.0), rng.clone());
+    plan.samples.push(10, later, Box::new(noise));
+    plan.samples.push(11, later, Box::new(Stuck::new(target, 3, 1.0, rng)));
     plan
 }

@@ -13,6 +13,7 @@ pub mod actuator;
 mod link;
 pub mod message;
 mod pipeline;
+mod reading;
 mod rng;
 pub mod sensor;
 mod stepped;

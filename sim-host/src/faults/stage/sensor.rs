@@ -1,43 +1,15 @@
 //! Faults of the leg's sensors, which act on samples.
 
 use super::pipeline::{FaultStage, Now, Passed};
+use super::reading::Slot;
 use super::rng::FaultRng;
+use leg_control::measurement::SpecificImpulse;
 use leg_control::wire::{Sample, flags};
 
-/// A reading of a sample.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Reading {
-    /// `vx_m_s`.
-    Vx,
-    /// `y_m`.
-    Y,
-    /// `vy_m_s`.
-    Vy,
-    /// `leg_length_m`.
-    LegLength,
-    /// `density_ratio`.
-    Density,
-}
+pub use super::reading::Reading;
 
-impl Reading {
-    /// Number of readings.
-    const COUNT: usize = 5;
-
-    /// The readings that every leg has.
-    pub const MOTION: &'static [Self] = &[Self::Vx, Self::Y, Self::Vy, Self::LegLength];
-
-    fn of(self, sample: &mut Sample) -> &mut f32 {
-        match self {
-            Self::Vx => &mut sample.vx_m_s,
-            Self::Y => &mut sample.y_m,
-            Self::Vy => &mut sample.vy_m_s,
-            Self::LegLength => &mut sample.leg_length_m,
-            Self::Density => &mut sample.density_ratio,
-        }
-    }
-}
-
-/// A fault of a reading. Values are in the unit of the reading.
+/// A fault of a reading. Values are in the unit of the reading; those of the accelerometer, of
+/// which a sample has the sum, in m/s2.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ReadingFault {
     /// Adds normal noise of this standard deviation, independent in every tick.
@@ -54,11 +26,11 @@ pub enum ReadingFault {
     Uniform(f64),
     /// Adds this constant.
     Bias(f64),
-    /// Replaces the reading by NaN in this share of the samples, 0 to 1.
+    /// Replaces the reading by NaN in this share of the samples, 0 to 1. A sum stays.
     NotANumber(f64),
 }
 
-/// Applies a [`ReadingFault`] to readings.
+/// Applies a [`ReadingFault`] to readings, in those samples that have them.
 #[derive(Debug)]
 pub struct FaultyReadings {
     readings: &'static [Reading],
@@ -67,13 +39,17 @@ pub struct FaultyReadings {
     /// The correlated noise of each reading in the last tick, and that tick.
     state: [f64; Reading::COUNT],
     last_tick: Option<u64>,
+    /// The time of the sample before, and what the fault has added to each sum by then, counts.
+    last_ns: Option<u64>,
+    added: [f64; Reading::COUNT],
 }
 
 impl FaultyReadings {
     /// Applies `fault` to `readings`.
     #[must_use]
     pub fn new(readings: &'static [Reading], fault: ReadingFault, rng: FaultRng) -> Self {
-        Self { readings, fault, rng, state: [0.0; Reading::COUNT], last_tick: None }
+        let zero = [0.0; Reading::COUNT];
+        Self { readings, fault, rng, state: zero, last_tick: None, last_ns: None, added: zero }
     }
 
     /// Draws the correlated noise of a tick.
@@ -89,34 +65,66 @@ impl FaultyReadings {
     }
 }
 
+impl FaultyReadings {
+    /// Draws the error of reading number `i` in this tick.
+    fn error(&mut self, i: usize) -> f64 {
+        match self.fault {
+            ReadingFault::Correlated { .. } => self.state[i],
+            ReadingFault::Uniform(most) => most * (2.0 * self.rng.uniform() - 1.0),
+            ReadingFault::Noise(deviation) => deviation * self.rng.normal(),
+            ReadingFault::Bias(by) => by,
+            ReadingFault::NotANumber(_) => f64::NAN,
+        }
+    }
+
+    /// Adds to the sums what the fault has added so far, which stays when the fault is over.
+    fn shift_sums(&self, sample: &mut Sample) {
+        for (reading, added) in self.readings.iter().zip(self.added) {
+            if reading.is_in(sample)
+                && let Slot::Sum(sum) = reading.of(sample)
+            {
+                *sum = sum.wrapping_add(libm::round(added) as i64 as i32);
+            }
+        }
+    }
+}
+
 impl FaultStage<Sample> for FaultyReadings {
     fn pass(&mut self, now: Now, message: Option<Sample>) -> Passed<Sample> {
-        let Some(mut sample) = message.filter(|_| now.active) else {
-            return Passed::untouched(message);
-        };
-        if let ReadingFault::NotANumber(share) = self.fault
-            && !self.rng.occurs(share)
-        {
-            return Passed::untouched(message);
-        }
-        if let ReadingFault::Correlated { deviation, ticks } = self.fault {
-            self.correlate(now.tick, deviation, ticks);
-        }
-        for (reading, correlated) in self.readings.iter().zip(self.state) {
-            let value = reading.of(&mut sample);
-            *value = match self.fault {
-                ReadingFault::Correlated { .. } => (f64::from(*value) + correlated) as f32,
-                ReadingFault::Uniform(most) => {
-                    (f64::from(*value) + most * (2.0 * self.rng.uniform() - 1.0)) as f32
-                }
-                ReadingFault::Noise(deviation) => {
-                    (f64::from(*value) + deviation * self.rng.normal()) as f32
-                }
-                ReadingFault::Bias(by) => (f64::from(*value) + by) as f32,
-                ReadingFault::NotANumber(_) => f32::NAN,
+        let Some(mut sample) = message else { return Passed::untouched(message) };
+        let since_ns = sample.header.t_ns.saturating_sub(self.last_ns.unwrap_or(u64::MAX));
+        self.last_ns = Some(sample.header.t_ns);
+        let is_nan = matches!(self.fault, ReadingFault::NotANumber(_));
+        let acts = now.active
+            && match self.fault {
+                ReadingFault::NotANumber(share) => self.rng.occurs(share),
+                _ => true,
             };
+        let mut is_touched = false;
+        if acts {
+            if let ReadingFault::Correlated { deviation, ticks } = self.fault {
+                self.correlate(now.tick, deviation, ticks);
+            }
+            for (i, reading) in self.readings.iter().enumerate() {
+                if !reading.is_in(&sample) {
+                    continue;
+                }
+                let error = self.error(i);
+                match reading.of(&mut sample) {
+                    Slot::Value(value) if is_nan => *value = f32::NAN,
+                    Slot::Value(value) => *value = (f64::from(*value) + error) as f32,
+                    Slot::Sum(_) if is_nan => continue,
+                    Slot::Sum(_) => {
+                        // An acceleration, since the sample before.
+                        let added_m_s = error * 1e-9 * since_ns as f64;
+                        self.added[i] += added_m_s / f64::from(SpecificImpulse::UNIT_M_S);
+                    }
+                }
+                is_touched = true;
+            }
         }
-        Passed::touched(Some(sample))
+        self.shift_sums(&mut sample);
+        if is_touched { Passed::touched(Some(sample)) } else { Passed::untouched(Some(sample)) }
     }
 }
 
@@ -146,9 +154,9 @@ impl FaultStage<Sample> for ContactNoise {
     }
 }
 
-/// The readings that get stuck.
+/// The readings that a fault acts on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum StuckTarget {
+pub enum SensorTarget {
     /// Numeric readings.
     Readings(&'static [Reading]),
     /// The contact reading.
@@ -158,7 +166,7 @@ pub enum StuckTarget {
 /// Makes readings keep their value for some ticks, at random instants.
 #[derive(Debug)]
 pub struct Stuck {
-    target: StuckTarget,
+    target: SensorTarget,
     ticks: u64,
     chance: f64,
     rng: FaultRng,
@@ -170,16 +178,51 @@ impl Stuck {
     /// Holds the readings for `ticks` ticks; every other tick starts this with probability
     /// `chance`.
     #[must_use]
-    pub fn new(target: StuckTarget, ticks: u64, chance: f64, rng: FaultRng) -> Self {
+    pub fn new(target: SensorTarget, ticks: u64, chance: f64, rng: FaultRng) -> Self {
         Self { target, ticks, chance, rng, until: 0, held: Sample::default() }
+    }
+}
+
+impl Stuck {
+    /// Keeps those readings of a sample that it has.
+    fn hold(&mut self, sample: Sample) {
+        match self.target {
+            SensorTarget::Readings(readings) => {
+                for reading in readings.iter().filter(|reading| reading.is_in(&sample)) {
+                    reading.copy(sample, &mut self.held);
+                    self.held.header.flags |= reading.flag();
+                }
+            }
+            SensorTarget::Contact => self.held.header.flags = sample.header.flags,
+        }
+    }
+
+    /// Returns a sample with the readings that are kept.
+    fn stuck(&self, read: Sample) -> Sample {
+        let mut sample = read;
+        match self.target {
+            SensorTarget::Readings(readings) => {
+                // A slow sensor may not have read before.
+                let is_held =
+                    |reading: &&Reading| reading.is_in(&read) && reading.is_in(&self.held);
+                for reading in readings.iter().filter(is_held) {
+                    reading.copy(self.held, &mut sample);
+                }
+            }
+            SensorTarget::Contact => {
+                let others = sample.header.flags & !flags::IN_CONTACT;
+                sample.header.flags = others | self.held.header.flags & flags::IN_CONTACT;
+            }
+        }
+        sample
     }
 }
 
 impl FaultStage<Sample> for Stuck {
     fn pass(&mut self, now: Now, message: Option<Sample>) -> Passed<Sample> {
-        let Some(mut sample) = message else { return Passed::untouched(None) };
+        let Some(sample) = message else { return Passed::untouched(None) };
         if now.tick >= self.until {
-            self.held = sample;
+            self.hold(sample);
             if now.active && self.rng.occurs(self.chance) {
                 self.until = now.tick + self.ticks;
             }
@@ -187,17 +230,46 @@ impl FaultStage<Sample> for Stuck {
         if now.tick >= self.until {
             return Passed::untouched(message);
         }
-        match self.target {
-            StuckTarget::Readings(readings) => {
-                for reading in readings {
-                    *reading.of(&mut sample) = *reading.of(&mut self.held);
-                }
+        Passed::touched(Some(self.stuck(sample)))
+    }
+}
+
+/// Takes readings out of every sample, as a sensor that is dead.
+#[derive(Debug)]
+pub struct Dead(pub SensorTarget);
+
+impl FaultStage<Sample> for Dead {
+    fn pass(&mut self, now: Now, message: Option<Sample>) -> Passed<Sample> {
+        let Some(mut sample) = message.filter(|_| now.active) else {
+            return Passed::untouched(message);
+        };
+        match self.0 {
+            SensorTarget::Readings(readings) => {
+                readings.iter().for_each(|reading| reading.remove(&mut sample));
             }
-            StuckTarget::Contact => {
-                let others = sample.header.flags & !flags::IN_CONTACT;
-                sample.header.flags = others | self.held.header.flags & flags::IN_CONTACT;
+            SensorTarget::Contact => {
+                sample.header.flags &= !(flags::CONTACT_SENSED | flags::IN_CONTACT);
             }
         }
+        Passed::touched(Some(sample))
+    }
+}
+
+/// Holds the contact switch closed or open.
+#[derive(Debug)]
+pub struct StuckSwitch {
+    /// Whether it is stuck closed.
+    pub is_closed: bool,
+}
+
+impl FaultStage<Sample> for StuckSwitch {
+    fn pass(&mut self, now: Now, message: Option<Sample>) -> Passed<Sample> {
+        let senses = |sample: &Sample| sample.header.flags & flags::CONTACT_SENSED != 0;
+        let Some(mut sample) = message.filter(|sample| now.active && senses(sample)) else {
+            return Passed::untouched(message);
+        };
+        sample.header.flags &= !flags::IN_CONTACT;
+        sample.header.flags |= if self.is_closed { flags::IN_CONTACT } else { 0 };
         Passed::touched(Some(sample))
     }
 }

@@ -4,16 +4,23 @@ use proptest::prelude::*;
 
 use super::actuator::{Lag, Limit, Saturate};
 use super::message::{Corrupt, Delay, Duplicate, Freeze, FreezeMode, Loss, Reorder};
-use super::sensor::{ContactNoise, FaultyReadings, Reading, ReadingFault, Stuck, StuckTarget};
 use super::*;
 use leg_control::wire::{Command, Header, Sample, WIRE_VERSION, flags};
 use leg_host::{Link, memory};
+
+mod sensor;
 
 const TICKS: u64 = 2000;
 
 fn sample(seq: u64) -> Sample {
     Sample {
-        header: Header { version: WIRE_VERSION, seq, run_id: 1, ..Header::default() },
+        header: Header {
+            version: WIRE_VERSION,
+            flags: flags::STATE_SENSED | flags::LEG_LENGTH_SENSED,
+            run_id: 1,
+            seq,
+            t_ns: 1_000_000 * seq,
+        },
         vx_m_s: seq as f32,
         ..Sample::default()
     }
@@ -122,61 +129,6 @@ fn a_frozen_link_repeats_the_last_message_or_sends_none() {
         assert_eq!(seqs[50..70], [frozen; 20]);
         assert_eq!((seqs[49], seqs[70], count), (Some(49), Some(70), 20));
     }
-}
-
-#[test]
-fn sensor_faults_change_only_their_reading_and_by_the_given_amount() {
-    let values = |received: &[Option<Sample>]| -> Vec<f64> {
-        let error = |(i, m): (usize, &Option<Sample>)| f64::from(m.unwrap().vx_m_s) - i as f64;
-        received.iter().enumerate().map(error).collect()
-    };
-    let (received, count) =
-        through(FaultyReadings::new(&[Reading::Vx], ReadingFault::Noise(0.25), rng()));
-    let errors = values(&received);
-    let mean = errors.iter().sum::<f64>() / TICKS as f64;
-    let deviation = (errors.iter().map(|e| e * e).sum::<f64>() / TICKS as f64).sqrt();
-    assert!(mean.abs() < 0.02 && (deviation - 0.25).abs() < 0.02, "{mean} {deviation}");
-    assert_eq!(count, TICKS);
-    assert!(received.iter().flatten().all(|sample| sample.vy_m_s == 0.0), "another reading");
-
-    let (received, _) =
-        through(FaultyReadings::new(&[Reading::Vx], ReadingFault::Uniform(0.25), rng()));
-    let errors = values(&received);
-    let deviation = (errors.iter().map(|e| e * e).sum::<f64>() / TICKS as f64).sqrt();
-    // That of the uniform distribution over (-1, 1) is 1 over the root of 3.
-    assert!(errors.iter().all(|e| e.abs() <= 0.25 + 1e-4), "{errors:?}");
-    assert!((deviation - 0.25 / 3_f64.sqrt()).abs() < 0.01, "{deviation}");
-
-    let correlated = ReadingFault::Correlated { deviation: 0.25, ticks: 5.0 };
-    let (received, _) = through(FaultyReadings::new(&[Reading::Vx], correlated, rng()));
-    let errors = values(&received);
-    let covariance = |lag: usize| {
-        let pairs = errors.iter().zip(&errors[lag..]);
-        pairs.map(|(a, b)| a * b).sum::<f64>() / (TICKS as usize - lag) as f64
-    };
-    assert!((covariance(0).sqrt() - 0.25).abs() < 0.04, "{}", covariance(0).sqrt());
-    let kept = covariance(5) / covariance(0);
-    assert!((0.2..0.55).contains(&kept), "{kept} after the correlation time, in place of 0.37");
-
-    let (received, _) =
-        through(FaultyReadings::new(&[Reading::Vx], ReadingFault::Bias(-0.5), rng()));
-    assert!(values(&received).iter().all(|&error| error == -0.5));
-
-    let (received, count) =
-        through(FaultyReadings::new(Reading::MOTION, ReadingFault::NotANumber(0.2), rng()));
-    let blind = received.iter().flatten().filter(|sample| sample.vx_m_s.is_nan()).count();
-    assert!(blind as u64 == count && (300..500).contains(&blind), "{blind}");
-
-    let window = Window { from: 10, until: 11 };
-    let stuck = Stuck::new(StuckTarget::Readings(&[Reading::Vx]), 5, 1.0, rng());
-    let (received, count) = through_in(window, stuck);
-    let vx: Vec<f32> = received[9..16].iter().map(|sample| sample.unwrap().vx_m_s).collect();
-    assert_eq!(vx, [9.0, 10.0, 10.0, 10.0, 10.0, 10.0, 15.0]);
-    assert_eq!((count, received[14].unwrap().header.seq), (5, 14), "only the reading is old");
-
-    let (received, count) = through(ContactNoise::new(0.5, rng()));
-    let turned = received.iter().flatten().filter(|s| s.header.flags == flags::IN_CONTACT).count();
-    assert!(turned as u64 == count && (900..1100).contains(&turned));
 }
 
 fn command(seq: u64, angle_rad: f32, elongation_m: f32, rate_m_s: f32) -> Command {
