@@ -78,6 +78,29 @@ const ENOUGH: u64 = 500;
 /// Runs until both loops have received enough.
 const MOST_RUNS: u32 = 50;
 
+/// A leg with every sensor, of which some send late or not at every tick.
+const SCENARIO: &str = "
+    duration_s = 2.0
+    set_point_m_s = 0.5
+
+    [sensor]
+    contact-latency = 0.001
+    contact-jitter = 0.002
+    contact-bounce = 0.005
+    leg-length-latency = 0.005
+    leg-angle-rate = 1000
+    accelerometer-rate = 1600
+    accelerometer-latency = 0.002
+    gyro-rate = 300
+    pitch-rate = 100
+    velocity-rate = 10
+    velocity-min-density = 0
+    height-rate = 100
+    height-min-density = 0
+    pressure-rate = 50
+    sample-latency = 0.003
+";
+
 /// What a warm loop has allocated.
 #[derive(Debug)]
 struct Measured {
@@ -121,7 +144,7 @@ fn play<L: LegLink, C: ControllerLink>(
     controllers_end: impl FnOnce() -> C + Send,
     wasteful: bool,
 ) -> [Measured; 2] {
-    let scenario = Settings::from_toml("duration_s = 2.0\nset_point_m_s = 0.5").expect("TOML");
+    let scenario = Settings::from_toml(SCENARIO).expect("TOML");
     let scenario = Scenario::from_settings(&scenario).expect("a scenario");
     let blob = PolicyFile::load(None).expect("the shipped policy");
     let policy = blob.policy().expect("the shipped policy");
