@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::f64::consts::FRAC_PI_2;
 use std::time::{Duration, Instant};
 
-use leg_control::wire::{Command, Sample};
+use leg_control::wire::{Command, Sample, flags};
 use leg_host::shm::Participants;
 use leg_host::status;
 
@@ -80,12 +80,15 @@ impl Scene {
             if last.header.run_id != sample.header.run_id || t_s < last_s {
                 self.reset_path();
             } else {
+                // 0 where it is not sensed: the path then follows the status of the leg.
                 self.x_m += f64::from(sample.vx_m_s) * (t_s - last_s);
             }
         }
         // Closer points could not be distinguished.
-        if self.trail.back().is_none_or(|last| t_s - last.0 >= TRAIL_S / MAX_TRAIL as f64) {
-            self.trail.push_back((t_s, self.x_m, sample.y_m.into()));
+        let is_due =
+            self.trail.back().is_none_or(|last| t_s - last.0 >= TRAIL_S / MAX_TRAIL as f64);
+        if is_due && let Some(y_m) = height_m(sample) {
+            self.trail.push_back((t_s, self.x_m, y_m));
         }
         while self.trail.front().is_some_and(|p| p.0 < t_s - TRAIL_S) {
             self.trail.pop_front();
@@ -168,11 +171,12 @@ impl Scene {
         self.x_m = 0.0;
     }
 
-    /// Returns the positions of foot and mass, m, if there is a leg.
+    /// Returns the positions of foot and mass, m, if there is a leg whose height is known: it
+    /// is sensed, or the foot stands and the angle of the leg is sensed.
     #[must_use]
     pub fn leg(&self) -> Option<[(f64, f64); 2]> {
         let sample = self.sample?;
-        let y_m = f64::from(sample.y_m);
+        let y_m = height_m(&sample)?;
         let length_m = f64::from(sample.leg_length_m);
         let angle_rad = self.command.map_or(FRAC_PI_2, |command| command.leg_angle_rad.into());
         let mass = (self.x_m, y_m);
@@ -195,6 +199,18 @@ impl Scene {
     }
 }
 
+/// Returns the height of the mass above the ground, m, if a sample tells it.
+fn height_m(sample: &Sample) -> Option<f64> {
+    let has = |flags| sample.header.flags & flags == flags;
+    if has(flags::Y_SENSED) {
+        Some(sample.y_m.into())
+    } else if sample.is_in_contact() && has(flags::LEG_LENGTH_SENSED | flags::LEG_ANGLE_SENSED) {
+        Some(f64::from(sample.leg_length_m) * f64::from(sample.sensors.leg_angle_rad).sin())
+    } else {
+        None
+    }
+}
+
 fn seconds(t_ns: u64) -> f64 {
     1e-9 * t_ns as f64
 }
@@ -206,7 +222,7 @@ mod tests {
     use super::*;
 
     fn sample(run_id: u32, t_ms: u64, contact: bool) -> Sample {
-        let flags = if contact { leg_control::wire::flags::IN_CONTACT } else { 0 };
+        let flags = flags::STATE_SENSED | if contact { flags::IN_CONTACT } else { 0 };
         let t_ns = 1_000_000 * t_ms;
         let header = Header { run_id, flags, seq: t_ms, t_ns, ..Header::default() };
         Sample { header, vx_m_s: 2.0, y_m: 0.8, leg_length_m: 1.0, ..Sample::default() }
@@ -231,6 +247,20 @@ mod tests {
         // Another run starts at its own position without a trail.
         scene.take_sample(&sample(2, 0, false));
         assert_eq!((scene.x_m, scene.trail.len()), (0.0, 1));
+    }
+
+    #[test]
+    fn a_leg_whose_height_is_not_sensed_is_placed_only_in_stance() {
+        let mut scene = Scene::new("d");
+        let mut blind = sample(1, 0, false);
+        (blind.y_m, blind.vx_m_s, blind.sensors.leg_angle_rad) = (0.0, 0.0, 1.5);
+        blind.header.flags = flags::LEG_LENGTH_SENSED | flags::LEG_ANGLE_SENSED;
+        scene.take_sample(&blind);
+        assert_eq!((scene.leg(), scene.trail.len()), (None, 0));
+        blind.header.flags |= flags::IN_CONTACT;
+        scene.take_sample(&blind);
+        let [_, mass] = scene.leg().unwrap();
+        assert!((mass.1 - 1.5_f64.sin()).abs() < 1e-6, "{mass:?}");
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! Draws a scene.
 
+use leg_control::wire::{Sample, flags};
 use leg_host::TimeMode;
 use leg_process::rounded;
 use ratatui::Frame;
@@ -256,6 +257,11 @@ fn count(name: &'static str, count: u64) -> Line<'static> {
     if count > 0 { line.fg(ALARM) } else { line }
 }
 
+/// Formats a name and a reading, if a sample has it.
+fn sensed(name: &'static str, sample: &Sample, flags: u16, value: &str) -> Line<'static> {
+    row(name, if sample.header.flags & flags == flags { value } else { "not sensed" })
+}
+
 fn leg_lines(scene: &Scene) -> Vec<Line<'static>> {
     let mut lines = Vec::new();
     if let Some(sample) = &scene.sample {
@@ -263,8 +269,10 @@ fn leg_lines(scene: &Scene) -> Vec<Line<'static>> {
         let digits = if t_s < 1000.0 { 2 } else { 0 };
         lines.push(row("time", &format!("{t_s:.digits$} s, tick {}", sample.header.seq)));
         let [vx_m_s, vy_m_s] = [sample.vx_m_s, sample.vy_m_s].map(|v_m_s| rounded(v_m_s.into(), 2));
-        lines.push(row("height", &format!("{:.2} m", sample.y_m)));
-        lines.push(row("velocity", &format!("{vx_m_s:+.2} {vy_m_s:+.2} m/s")));
+        let height = format!("{:.2} m", sample.y_m);
+        lines.push(sensed("height", sample, flags::Y_SENSED, &height));
+        let velocity = format!("{vx_m_s:+.2} {vy_m_s:+.2} m/s");
+        lines.push(sensed("velocity", sample, flags::VX_SENSED | flags::VY_SENSED, &velocity));
         let by_key = scene.leg.as_ref().is_some_and(|leg| leg.ordered_m_s.is_some());
         let by = if by_key { ", by key" } else { "" };
         lines.push(row("set-point", &format!("{:+.2} m/s{by}", sample.set_point_m_s)));

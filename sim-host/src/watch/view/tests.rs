@@ -89,6 +89,17 @@ fn cells(buffer: &Buffer, color: Color) -> Vec<(u16, u16)> {
 }
 
 #[test]
+fn names_the_values_that_the_leg_does_not_sense() {
+    let mut scene = hopping(1);
+    let sample = scene.sample.as_mut().unwrap();
+    sample.header.flags &= !leg_control::wire::flags::STATE_SENSED;
+    let text = text(&drawn(&scene, 120, 40));
+    for line in ["height       not sensed", "velocity     not sensed"] {
+        assert!(text.contains(line), "{text}");
+    }
+}
+
+#[test]
 fn draws_the_leg_its_trail_and_its_values() {
     let scene = hopping(14);
     let [foot, mass] = scene.leg().unwrap();
