@@ -43,8 +43,14 @@ const fn row(
 /// The figures by sensor. A sensor has only those figures that are in this table.
 #[rustfmt::skip]
 pub(super) const TABLE: &[Row] = {
-    use Quantity::*;
-    use Sensor::*;
+    use Quantity::{
+        Bias, Bounce, Chatter, Dropout, Jitter, Latency, MinDensity, Noise, NoiseShare, Range,
+        Rate, Resolution, Scale, Surface, Uniform, Walk,
+    };
+    use Sensor::{
+        Accelerometer, Contact, Gyro, Height, LegAngle, LegLength, Pitch, Pressure, Sample, State,
+        Velocity,
+    };
     &[
         row(Sample, Latency, 0.0, MOST_DELAY_S, NONE),
 

@@ -181,6 +181,7 @@ impl Figure {
             Quantity::Noise if matches!(self.sensor, Sensor::Accelerometer | Sensor::Gyro) => {
                 format!("{unit}/sqrt(Hz)")
             }
+            Quantity::Walk if unit.contains(',') => format!("({unit})/sqrt(s)"),
             Quantity::Walk => format!("{unit}/sqrt(s)"),
             Quantity::Chatter => "1/s".to_owned(),
             Quantity::MinDensity => "ratio".to_owned(),

@@ -23,7 +23,7 @@ pub struct TickRecord<'a> {
     pub t_s: f64,
     /// Length of the tick, s.
     pub dt_s: f64,
-    /// The true state at its start, which the sample rounds.
+    /// The true state at its start, which the sensors read.
     pub body: Body,
     /// The phase of the gait at its start.
     pub phase: Phase,
@@ -64,7 +64,7 @@ pub struct Leg<'a> {
     hold: CommandHold,
     sensors: SensorModels,
     /// Angle of the last command, which the leg holds in flight.
-    leg_angle_rad: f64,
+    held_angle_rad: f64,
     seq: u64,
     /// Ticks of the runs before the last restart.
     earlier_ticks: u64,
@@ -97,7 +97,7 @@ impl<'a> Leg<'a> {
                 scenario.stale_limit_ns,
             ),
             sensors: SensorModels::new(&scenario.sensors, scenario.rate_hz, scenario.seed),
-            leg_angle_rad: SAFE_ANGLE_RAD,
+            held_angle_rad: SAFE_ANGLE_RAD,
             seq: 0,
             earlier_ticks: 0,
             restarts: 0,
@@ -176,7 +176,7 @@ impl<'a> Leg<'a> {
         self.plant = self.scenario.plant();
         self.update_medium();
         self.hold.reset();
-        self.leg_angle_rad = SAFE_ANGLE_RAD;
+        self.held_angle_rad = SAFE_ANGLE_RAD;
         self.sensors.clear();
         self.sense([0.0; 2]);
     }
@@ -253,7 +253,7 @@ impl<'a> Leg<'a> {
         });
         self.seq += 1;
         self.world.ticks += 1;
-        self.leg_angle_rad = plant_command.leg_angle_rad;
+        self.held_angle_rad = plant_command.leg_angle_rad;
         self.update_medium();
         let fallen_m_s = -self.scenario.gravity_m_s2 * dt_s;
         self.sense([after.vx_m_s - body.vx_m_s, after.vy_m_s - body.vy_m_s - fallen_m_s]);
@@ -317,7 +317,7 @@ impl<'a> Leg<'a> {
             Phase::Stance { foot_x_m, foot_y_m } => {
                 (true, libm::atan2(body.y_m - foot_y_m, body.x_m - foot_x_m))
             }
-            Phase::Flight | Phase::Fallen => (false, self.leg_angle_rad),
+            Phase::Flight | Phase::Fallen => (false, self.held_angle_rad),
         };
         let truth = Truth {
             tick: self.world.ticks,

@@ -7,6 +7,7 @@ mod place;
 mod real_time;
 mod record;
 mod recovery;
+mod sensors;
 mod shared_memory;
 mod swap;
 mod unwritable;

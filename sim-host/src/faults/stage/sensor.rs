@@ -245,7 +245,9 @@ impl FaultStage<Sample> for Dead {
         };
         match self.0 {
             SensorTarget::Readings(readings) => {
-                readings.iter().for_each(|reading| reading.remove(&mut sample));
+                for reading in readings {
+                    reading.remove(&mut sample);
+                }
             }
             SensorTarget::Contact => {
                 sample.header.flags &= !(flags::CONTACT_SENSED | flags::IN_CONTACT);

@@ -96,9 +96,9 @@ fn faults_of_the_accelerometer_are_accelerations_and_their_sum_stays() {
     let window = Window { from: 500, until: 1500 };
     let bias = FaultyReadings::new(ACCELERATION, ReadingFault::Bias(0.5), rng());
     let samples = with_sensors(window, bias);
-    let error_m_s = |tick: usize| {
-        let truth = SpecificImpulse([i32::MAX.wrapping_add(tick as i32), 0]);
-        SpecificImpulse(samples[tick].sensors.impulse).since(truth)
+    let error_m_s = |tick: i32| {
+        let truth = SpecificImpulse([i32::MAX.wrapping_add(tick), 0]);
+        SpecificImpulse(samples[tick as usize].sensors.impulse).since(truth)
     };
     for (tick, expected_m_s) in [(0, 0.0), (499, 0.0), (1000, 0.25), (1499, 0.5), (1999, 0.5)] {
         for error_m_s in error_m_s(tick) {
