@@ -1,9 +1,11 @@
 //! Single channels: noise, bias, scale, clipping, quantisation, rate, latency, the switch.
 
+use super::super::accelerometer::Accelerometer;
 use super::super::channel::Channel;
 use super::super::contact::ContactSwitch;
 use super::super::delivery::Delivery;
 use super::*;
+use leg_control::measurement::SpecificImpulse;
 
 const READINGS: usize = 20_000;
 
@@ -41,6 +43,46 @@ fn noise_of_an_inertial_sensor_is_a_density() {
     let settings = ["noise=0.002", "bias=0", "walk=0", "scale=0", "resolution=0"];
     let at_1_khz = readings(channel(Sensor::Accelerometer, &settings, 1), 9.81);
     assert!((deviation(&at_1_khz) - 0.002 * 1000_f64.sqrt()).abs() < 0.001);
+}
+
+/// Returns the accelerometer's sum after 2 s of `force_m_s2` in level axes, m/s.
+fn sum(settings: &[&str], force_m_s2: [f64; 2], pitch_rad: f64) -> [f64; 2] {
+    let exact = ["noise=0", "bias=0", "walk=0", "scale=0", "resolution=0", "range=0"];
+    let own = |name: &str| settings.iter().any(|setting| setting.starts_with(name));
+    let others = exact.iter().filter(|setting| !own(setting.split('=').next().unwrap()));
+    let all = ["rate=1000"].iter().chain(others).chain(settings);
+    let all: Vec<String> = all.map(|setting| format!("accelerometer-{setting}")).collect();
+    let all: Vec<&str> = all.iter().map(String::as_str).collect();
+    let mut sensor = Accelerometer::new(&figures(SensorProfile::Ideal, &all), 1000, 1);
+    let start = sensor.sum();
+    for _ in 0..2000 {
+        sensor.add(force_m_s2.map(|m_s2| 1e-3 * m_s2), pitch_rad, 1e-3);
+    }
+    SpecificImpulse::since(sensor.sum(), start).map(f64::from)
+}
+
+#[test]
+fn the_accelerometer_measures_along_the_axes_of_a_body_that_leans_back() {
+    // Leaning back, the body's x axis points upwards, and its y axis backwards.
+    let [x, y] = sum(&[], [0.0, 9.81], 0.3);
+    assert!((x - 19.62 * 0.3_f64.sin()).abs() < 1e-4, "{x}");
+    assert!((y - 19.62 * 0.3_f64.cos()).abs() < 1e-4, "{y}");
+    let [x, y] = sum(&[], [1.0, 0.0], 0.3);
+    assert!((x - 2.0 * 0.3_f64.cos()).abs() < 1e-4, "{x}");
+    assert!((y + 2.0 * 0.3_f64.sin()).abs() < 1e-4, "{y}");
+}
+
+#[test]
+fn the_accelerometer_clips_the_specific_force_and_adds_up_its_bias() {
+    let [x, y] = sum(&["range=20"], [-50.0, 9.81], 0.0);
+    assert!((x + 40.0).abs() < 1e-4 && (y - 19.62).abs() < 1e-4, "{x} {y}");
+    for axis in sum(&["bias=0.25"], [0.0, 0.0], 0.0) {
+        assert!((axis.abs() - 0.5).abs() < 1e-4, "{axis}");
+    }
+    // Of forces below half a step nothing is left, and of the sum's own counts everything.
+    assert_eq!(sum(&["resolution=0.1"], [0.04, 0.0], 0.0), [0.0; 2]);
+    let [x, _] = sum(&[], [0.001, 0.0], 0.0);
+    assert!((x - 0.002).abs() < 1e-5, "{x}");
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Sensors of a leg that hops.
 
 use leg_control::config::Config;
-use leg_control::measurement::SpecificImpulse;
+use leg_control::measurement::{Contact, SpecificImpulse};
 use leg_control::policy::{Policy, SHIPPED};
 use leg_control::wire::{Sample, flags};
 use leg_control::wire_controller::WireController;
@@ -11,7 +11,7 @@ use super::*;
 use crate::faults::FaultSetting;
 use crate::scenario::{MediumPreset, Scenario, Settings};
 use crate::session::lock_step::Options;
-use crate::session::{Outcome, stepped};
+use crate::session::{Leg, Outcome, stepped};
 
 /// A tick of a run: the truth at its start, and the sample.
 type Tick = (Body, Phase, Sample);
@@ -139,6 +139,48 @@ fn the_pressure_is_that_of_the_water_above() {
         let error_pa = f64::from(sample.sensors.pressure_pa) - expected_pa;
         assert!(error_pa.abs() < 0.01, "{error_pa}");
     }
+}
+
+#[test]
+fn acoustic_sensors_read_only_in_water() {
+    let land = ["height-rate=10"];
+    let (_, ticks) = play(&settings(SensorProfile::Underwater, &land));
+    let count = |flag| ticks.iter().filter(|(_, _, s)| s.header.flags & flag == flag).count();
+    assert_eq!(count(flags::VELOCITY_SENSED) + count(flags::HEIGHT_SENSED), 0);
+    // 50 a second, of which the last may be under way.
+    let pressures = ticks.len() / 20;
+    assert!(pressures > 400 && count(flags::PRESSURE_SENSED) >= pressures - 1, "everywhere");
+}
+
+#[test]
+fn a_restart_drops_readings_under_way_and_is_no_acceleration() {
+    let figures = [&EXACT_INERTIAL[..], &["state-latency=0.02", "contact-latency=0.5"]].concat();
+    let scenario = Scenario::from_settings(&settings(SensorProfile::Ideal, &figures)).unwrap();
+    let mut leg = Leg::new(&scenario, 1);
+    let step = |leg: &mut Leg<'_>| leg.step(None, std::time::Duration::ZERO, &mut |_| ());
+    while !matches!(leg.sample().measurement().unwrap().contact, Contact::Sensed(true)) {
+        step(&mut leg);
+    }
+    let before = leg.sample().sensors.impulse;
+    leg.restart(2);
+    let sample = *leg.sample();
+    assert_eq!((sample.sensors.impulse, sample.header.seq), (before, 0));
+    assert!(!sample.is_in_contact());
+    assert_eq!(sample.header.flags & flags::STATE_SENSED, 0);
+    for _ in 0..20 {
+        step(&mut leg);
+    }
+    assert_eq!(leg.sample().y_m, scenario.start.y_m as f32, "20 ms late");
+}
+
+#[test]
+fn a_new_set_point_reads_no_sensor_again() {
+    let scenario = Scenario::from_settings(&settings(SensorProfile::Imu, &[])).unwrap();
+    let mut leg = Leg::new(&scenario, 1);
+    leg.step(None, std::time::Duration::ZERO, &mut |_| ());
+    let before = *leg.sample();
+    leg.override_set_point(Some(0.25));
+    assert_eq!(*leg.sample(), Sample { set_point_m_s: 0.25, ..before });
 }
 
 #[test]
