@@ -12,7 +12,6 @@ use libm::sqrt;
 use crate::elongation::Ramp;
 use crate::pair::Pair;
 use crate::roots::falling_root;
-use crate::stance::Corner;
 use crate::taylor::{Field, State};
 
 /// State of a stance with losses, relative to a fixed place on the ground.
@@ -39,11 +38,26 @@ pub(crate) struct Forces {
     pub(crate) gravity_m_s2: f64,
 }
 
+/// The event that ends a segment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ContactCorner {
+    /// No event: the limit of the step or of the time.
+    Limit,
+    /// The mass stops rising.
+    Apex,
+    /// The leg carries no more load.
+    LiftOff,
+    /// The force on the foot leaves the cone of friction.
+    FootSlips,
+    /// A foot that slides stops.
+    FootStops,
+}
+
 /// End of a segment.
 pub(crate) struct ContactSegment {
     pub(crate) t_s: f64,
     pub(crate) state: Contact,
-    pub(crate) corner: Corner,
+    pub(crate) corner: ContactCorner,
 }
 
 /// What the foot does during a segment: it holds, or slides with a velocity of this sign.
@@ -127,7 +141,7 @@ impl Forces {
         let closing = leg.dot(start.velocity_of_leg()) < self.ramp.rate_m_s * sqrt(leg.dot(leg));
         let loaded = self.load_m_s2(start, 0.0) > 0.0 || (lands && closing);
         if !loaded {
-            return ends_at(0.0, *start, Corner::LiftOff);
+            return ends_at(0.0, *start, ContactCorner::LiftOff);
         }
         let footing = if start.foot_vx_m_s != 0.0 {
             Footing::Slides(1.0_f64.copysign(start.foot_vx_m_s))
@@ -136,7 +150,7 @@ impl Forces {
         } else if self.foot_share > 0.0 {
             Footing::Slides(1.0_f64.copysign(-leg[0]))
         } else {
-            return ends_at(0.0, *start, Corner::LiftOff);
+            return ends_at(0.0, *start, ContactCorner::LiftOff);
         };
         let (step_s, end) = self.step_within(start, footing, limit_s, tolerance_m_s);
         // A slide that begins must leave rest; at the very edge of the cone rounding may forbid it.
@@ -160,29 +174,29 @@ impl Forces {
         watches_the_cone: bool,
     ) -> ContactSegment {
         let at = |t_s: f64| Contact::of(self.step(start, footing, t_s).0);
-        let mut first = ContactSegment { t_s: step_s, state: end, corner: Corner::Limit };
-        let mut consider = |value: &dyn Fn(&Contact, f64) -> f64, corner: Corner| {
+        let mut first = ContactSegment { t_s: step_s, state: end, corner: ContactCorner::Limit };
+        let mut consider = |value: &dyn Fn(&Contact, f64) -> f64, corner: ContactCorner| {
             if value(&first.state, first.t_s) <= 0.0 {
                 let t_s = falling_root(|t_s| value(&at(t_s), t_s), 0.0, first.t_s);
                 first = ContactSegment { t_s, state: at(t_s), corner };
             }
         };
-        consider(&|state, t_s| self.load_m_s2(state, t_s), Corner::LiftOff);
+        consider(&|state, t_s| self.load_m_s2(state, t_s), ContactCorner::LiftOff);
         match footing {
             Footing::Holds if watches_the_cone => {
-                consider(&|state, t_s| self.margin_m_s2(state, t_s), Corner::FootSlips);
+                consider(&|state, t_s| self.margin_m_s2(state, t_s), ContactCorner::FootSlips);
             }
             Footing::Slides(sign) if start.foot_vx_m_s != 0.0 => {
-                consider(&|state, _| sign * state.foot_vx_m_s, Corner::FootStops);
+                consider(&|state, _| sign * state.foot_vx_m_s, ContactCorner::FootStops);
             }
             _ => {}
         }
         if start.body.velocity_m_s[1] > 0.0 {
-            consider(&|state, _| state.body.velocity_m_s[1], Corner::Apex);
+            consider(&|state, _| state.body.velocity_m_s[1], ContactCorner::Apex);
         }
         match first.corner {
-            Corner::FootStops => first.state.foot_vx_m_s = 0.0,
-            Corner::Apex => first.state.body.velocity_m_s[1] = 0.0,
+            ContactCorner::FootStops => first.state.foot_vx_m_s = 0.0,
+            ContactCorner::Apex => first.state.body.velocity_m_s[1] = 0.0,
             _ => {}
         }
         first

@@ -50,26 +50,14 @@ pub(crate) struct Descent {
 impl Flight {
     pub(crate) fn new(leg: &Leg, medium: Medium) -> Self {
         let p = leg.parameters();
-        Self::of_masses(leg, medium, p.mass_kg, p.mass_kg + p.added_mass_kg)
-    }
-
-    /// Creates the motion of a leg that carries a foot of this mass.
-    pub(crate) fn with_foot(leg: &Leg, medium: Medium, foot_mass_kg: f64) -> Self {
-        let p = leg.parameters();
-        let mass_kg = p.mass_kg + foot_mass_kg;
-        Self::of_masses(leg, medium, mass_kg, mass_kg + p.added_mass_kg)
-    }
-
-    #[inline]
-    fn of_masses(leg: &Leg, medium: Medium, mass_kg: f64, moving_mass_kg: f64) -> Self {
-        let p = leg.parameters();
         let density_kg_m3 = REFERENCE_DENSITY_KG_M3 * medium.density_ratio();
+        let moving_mass_kg = p.mass_kg + p.added_mass_kg;
         let drag = |area_m2: f64, coefficient: f64| {
             area_m2 * coefficient * density_kg_m3 / (2.0 * moving_mass_kg)
         };
         let drag_y_per_m = drag(p.area_y_m2, p.drag_y);
         let net_gravity_m_s2 =
-            (mass_kg - density_kg_m3 * p.volume_m3) * medium.gravity_m_s2() / moving_mass_kg;
+            (p.mass_kg - density_kg_m3 * p.volume_m3) * medium.gravity_m_s2() / moving_mass_kg;
         let magnitude = net_gravity_m_s2.abs();
         Self {
             drag_x_per_m: drag(p.area_x_m2, p.drag_x),

@@ -166,6 +166,12 @@ impl Leg {
         })
     }
 
+    /// Returns this leg with more mass, which displaces nothing.
+    pub(crate) fn with_more_mass(mut self, mass_kg: f64) -> Self {
+        self.0.mass_kg += mass_kg;
+        self
+    }
+
     /// Returns the parameters.
     #[must_use]
     pub const fn parameters(&self) -> &LegParameters {

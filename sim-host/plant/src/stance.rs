@@ -26,12 +26,8 @@ pub(crate) enum Corner {
     Bottom,
     /// The mass stops rising.
     Apex,
-    /// The leg reaches its rest length, or carries no more load.
+    /// The leg reaches its rest length.
     LiftOff,
-    /// The force on the foot leaves the cone of friction.
-    FootSlips,
-    /// A foot that slides stops.
-    FootStops,
 }
 
 /// End of a smooth segment of stance.
@@ -199,11 +195,7 @@ pub(crate) fn integrate(
         match segment.corner {
             Corner::LiftOff => return StanceEnd::LiftOff { t_s, state },
             Corner::Apex => return StanceEnd::Apex { t_s, state },
-            Corner::Limit
-            | Corner::HorizontalTurn
-            | Corner::Bottom
-            | Corner::FootSlips
-            | Corner::FootStops => {}
+            Corner::Limit | Corner::HorizontalTurn | Corner::Bottom => {}
         }
     }
     StanceEnd::Fall

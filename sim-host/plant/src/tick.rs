@@ -246,7 +246,7 @@ impl TickPlant {
         let standing = Flight::new(&self.leg, medium);
         let foot_mass_kg = self.losses.foot_mass_kg;
         let flight = if foot_mass_kg > 0.0 {
-            Flight::with_foot(&self.leg, medium, foot_mass_kg)
+            Flight::new(&self.leg.with_more_mass(foot_mass_kg), medium)
         } else {
             standing
         };

@@ -1,7 +1,7 @@
 //! The stance of the tick plant, without losses and with them.
 
 use super::{Body, EventKind, Phase, Tick, TickEvents, TickPlant};
-use crate::contact::{Contact, Forces};
+use crate::contact::{Contact, ContactCorner, Forces};
 use crate::elongation::Ramp;
 use crate::ground::Ground;
 use crate::pair::Pair;
@@ -82,10 +82,17 @@ impl TickPlant {
             part.limit_s(),
             self.tolerance.velocity_m_s,
         );
+        let mut corner = match segment.corner {
+            Corner::LiftOff => ContactCorner::LiftOff,
+            Corner::Apex => ContactCorner::Apex,
+            Corner::Limit | Corner::HorizontalTurn | Corner::Bottom => ContactCorner::Limit,
+        };
         if let Some(forces) = &forces {
             let margin = |t_s: f64| forces.margin_m_s2(&Contact::holding(jet.at(t_s)), t_s);
             if let Some(t_s) = first_loss(margin, segment.t_s) {
-                segment = Segment { t_s, state: jet.at(t_s), corner: Corner::FootSlips };
+                segment.t_s = t_s;
+                segment.state = jet.at(t_s);
+                corner = ContactCorner::FootSlips;
             }
         }
         let end = part.body(&segment.state);
@@ -97,7 +104,7 @@ impl TickPlant {
         }
         let t_s = part.end_s(segment.t_s);
         self.body = end;
-        self.turn(segment.corner, t_s, events);
+        self.turn(corner, t_s, events);
         t_s
     }
 
@@ -128,19 +135,19 @@ impl TickPlant {
     }
 
     /// Reports the corner at which a segment ended, and lifts off if it is that.
-    fn turn(&mut self, corner: Corner, t_s: f64, events: &mut TickEvents) {
+    fn turn(&mut self, corner: ContactCorner, t_s: f64, events: &mut TickEvents) {
         self.foot_slips = false;
         match corner {
-            Corner::FootSlips if self.losses.foot_mass_kg > 0.0 => self.foot_slips = true,
+            ContactCorner::FootSlips if self.losses.foot_mass_kg > 0.0 => self.foot_slips = true,
             // A massless foot slides out from under the load at once.
-            Corner::LiftOff | Corner::FootSlips => {
+            ContactCorner::LiftOff | ContactCorner::FootSlips => {
                 self.phase = Phase::Flight;
                 self.clear_angle_rad = None;
                 self.take_up_the_foot();
                 events.push(EventKind::LiftOff, t_s, self.body);
             }
-            Corner::Apex => events.push(EventKind::Apex, t_s, self.body),
-            Corner::Limit | Corner::HorizontalTurn | Corner::Bottom | Corner::FootStops => {}
+            ContactCorner::Apex => events.push(EventKind::Apex, t_s, self.body),
+            ContactCorner::Limit | ContactCorner::FootStops => {}
         }
     }
 
