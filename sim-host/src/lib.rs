@@ -18,4 +18,5 @@ pub mod scenario;
 pub mod sensors;
 pub mod session;
 pub mod shore;
+pub mod statistics;
 pub mod watch;

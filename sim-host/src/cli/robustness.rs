@@ -8,19 +8,24 @@ use anyhow::Context;
 use leg_process::stdout;
 
 use super::{checked_policy, misuse, unwritable};
-use crate::robustness::{Media, Size, picture, sweep};
+use crate::robustness::{Comparison, Media, Report, Size, picture, sweep};
 use leg_process::atomic_file::AtomicFile;
+use leg_process::policy_file::PolicyFile;
 
 const MOST_RUNS: u64 = 100_000;
 
 /// Plays a policy under faults of growing level, one kind at a time, in each
 /// medium, from seeded starts. Prints and plots the share of runs that still hop
-/// after 30 hops.
+/// after 30 hops, also beside those of another policy or build.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// Policy file [default: the shipped policy].
     #[arg(long, value_name = "FILE")]
     policy: Option<PathBuf>,
+    /// Another policy, or the --json output of an earlier sweep: its shares are shown beside these,
+    /// with the 95 % intervals of the differences.
+    #[arg(long, value_name = "FILE")]
+    against: Option<PathBuf>,
     /// Runs at each level, each from another start.
     #[arg(long, value_name = "N", default_value_t = 20, allow_negative_numbers = true)]
     runs: u64,
@@ -54,11 +59,25 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     }
     let blob = checked_policy(args.policy.as_deref())?;
     let policy = blob.policy().map_err(misuse)?;
+    let other = args.against.as_deref().map(Other::read).transpose()?;
     // Opened before the sweep, so that an unwritable directory is reported at once.
     let (svg, csv) = (begin(&args.out, "robustness.svg")?, begin(&args.out, "robustness.csv")?);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(jobs).build()?;
     let size = Size { runs: args.runs, media };
-    let report = pool.install(|| sweep(&policy, &size))?;
+    let mut report = pool.install(|| sweep(&policy, &size))?;
+    if let (Some(other), Some(path)) = (other, &args.against) {
+        let theirs = match other {
+            Other::Report(report) => report,
+            Other::Policy(blob) => {
+                let policy = blob.policy().map_err(misuse)?;
+                pool.install(|| sweep(&policy, &size))?
+            }
+        };
+        let compared = Comparison::new(&report, &theirs);
+        report.against = Some(compared.map_err(|cause| {
+            misuse(format!("cannot compare with --against {}: {cause}", path.display()))
+        })?);
+    }
     // Printed first, so that it is not lost where a file cannot be written.
     if args.json {
         stdout::print_line(serde_json::to_string(&report)?)?;
@@ -74,6 +93,29 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         stdout::print_line(format_args!("  picture: {}", picture.display()))?;
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// What a sweep is compared with.
+enum Other {
+    Policy(PolicyFile),
+    Report(Report),
+}
+
+impl Other {
+    /// Reads a file, which is a report if it begins as JSON does.
+    fn read(path: &Path) -> anyhow::Result<Self> {
+        let bytes = fs::read(path).map_err(|cause| {
+            misuse(format!("--against {}: the file cannot be read: {cause}", path.display()))
+        })?;
+        if bytes.trim_ascii_start().starts_with(b"{") {
+            serde_json::from_slice(&bytes).map(Self::Report).map_err(|cause| {
+                let what = "the file is JSON, but no report of `sim-host robustness --json`";
+                misuse(format!("--against {}: {what}: {cause}", path.display()))
+            })
+        } else {
+            checked_policy(Some(path)).map(Self::Policy)
+        }
+    }
 }
 
 fn begin(folder: &Path, name: &str) -> anyhow::Result<(AtomicFile, PathBuf)> {

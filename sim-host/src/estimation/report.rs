@@ -7,6 +7,7 @@ use serde::Serialize;
 use super::cases::Case;
 use super::run::Played;
 use crate::robustness::Media;
+use crate::statistics::wilson;
 
 /// The result of the study. Its JSON form has these fields.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -95,17 +96,6 @@ impl Row {
     }
 }
 
-/// Returns Wilson's 95 % interval for a share of `yes` among `all`.
-fn wilson(yes: u64, all: u64) -> [f64; 2] {
-    const Z: f64 = 1.959_963_984_540_054;
-    let n = all.max(1) as f64;
-    let share = yes as f64 / n;
-    let scale = 1.0 / (1.0 + Z * Z / n);
-    let middle = scale * (share + Z * Z / (2.0 * n));
-    let half = scale * Z * (share * (1.0 - share) / n + Z * Z / (4.0 * n * n)).sqrt();
-    [(middle - half).max(0.0), (middle + half).min(1.0)]
-}
-
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { policy, runs, estimated, .. } = self;
@@ -150,21 +140,5 @@ impl fmt::Display for Report {
              the apex from the set-point, m/s; rms: errors at the apex, m/s, m; nis: mean square of\n  \
              the innovations of vy in flight in standard deviations, 1 for a consistent filter"
         )
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Values of Newcombe, Statistics in Medicine 17:857 (1998), table I, method 3.
-    #[test]
-    fn wilsons_interval_matches_published_values() {
-        for (yes, all, low, high) in
-            [(81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611)]
-        {
-            let [l, h] = wilson(yes, all);
-            assert!((l - low).abs() < 5e-5 && (h - high).abs() < 5e-5, "{yes} of {all}: {l}, {h}");
-        }
     }
 }

@@ -21,6 +21,9 @@ pub enum FaultKind {
     Switch,
     Lag,
     Saturate,
+    Bandwidth,
+    DeadTime,
+    Backlash,
     Mass,
     Stiffness,
     Damping,
@@ -45,7 +48,7 @@ const SENSOR: &str = "samples";
 const ACTUATOR: &str = "commands";
 const WORLD: &str = "the leg, the ground and the medium";
 
-const TABLE: [KindInfo; 22] = [
+const TABLE: [KindInfo; 25] = [
     KindInfo {
         kind: FaultKind::Drop,
         name: "drop",
@@ -167,6 +170,30 @@ const TABLE: [KindInfo; 22] = [
         about: "limit of field=angle (rad from the vertical), angle-rate (rad/s) or elongation-rate (m/s); field= is required",
     },
     KindInfo {
+        kind: FaultKind::Bandwidth,
+        name: "bandwidth",
+        value: "Hz, 0.1 to 1000",
+        keys: &["from", "until"],
+        acts: ACTUATOR,
+        about: "frequency up to which angle and elongation follow the command, as a critically damped second-order lag with 3 dB less amplitude there",
+    },
+    KindInfo {
+        kind: FaultKind::DeadTime,
+        name: "dead-time",
+        value: "ms, 0 to 1000",
+        keys: &["from", "until"],
+        acts: ACTUATOR,
+        about: "time after which angle and elongation react to a command, rounded up to whole ticks; a command does not count as late by it",
+    },
+    KindInfo {
+        kind: FaultKind::Backlash,
+        name: "backlash",
+        value: "rad or m, 0 to 1",
+        keys: &["field", "from", "until"],
+        acts: ACTUATOR,
+        about: "gap that the drive of field=angle (the default, rad) or elongation (m) crosses before the leg follows it",
+    },
+    KindInfo {
         kind: FaultKind::Mass,
         name: "mass",
         value: "factor, 0.1 to 10",
@@ -255,7 +282,9 @@ impl FaultKind {
             Self::Noise | Self::Bias | Self::Stuck | Self::Nan | Self::Dead | Self::Switch => {
                 "samples"
             }
-            Self::Lag | Self::Saturate => "commands",
+            Self::Lag | Self::Saturate | Self::Bandwidth | Self::DeadTime | Self::Backlash => {
+                "commands"
+            }
             _ => "messages",
         }
     }

@@ -4,7 +4,7 @@ use std::fmt::Display;
 use std::ops::RangeInclusive;
 
 use crate::faults::stage::Window;
-use crate::faults::stage::actuator::Limit;
+use crate::faults::stage::actuator::{Drive, Limit};
 use crate::faults::stage::message::FreezeMode;
 use crate::faults::stage::sensor::{Reading, ReadingFault, SensorTarget};
 
@@ -127,20 +127,17 @@ impl Checker<'_> {
             FaultKind::Lag => {
                 self.actuator(ActuatorFault::Lag(self.number("value", self.value(), 0.0..=10.0)?))
             }
-            FaultKind::Saturate => {
-                let limit = self.number("value", self.value(), 0.0..=1000.0)?;
-                let limit = match self.key("field") {
-                    Some("angle") => Limit::Angle(limit),
-                    Some("angle-rate") => Limit::AngleRate(limit),
-                    Some("elongation-rate") => Limit::ElongationRate(limit),
-                    other => {
-                        let given = other.unwrap_or("missing");
-                        let what = "it must be angle, angle-rate or elongation-rate";
-                        return Err(self.bad("field", given, what));
-                    }
-                };
-                self.actuator(ActuatorFault::Saturate(limit))
+            FaultKind::Saturate => self.saturate(),
+            FaultKind::Bandwidth => {
+                let hz = self.number("value", self.value(), 0.1..=1000.0)?;
+                self.actuator(ActuatorFault::Bandwidth(hz))
             }
+            FaultKind::DeadTime => {
+                let ms = self.number("value", self.value(), 0.0..=1000.0)?;
+                let ticks = (ms * f64::from(self.run.rate_hz) / 1000.0).ceil() as u32;
+                self.actuator(ActuatorFault::DeadTime { ticks })
+            }
+            FaultKind::Backlash => self.backlash(),
             FaultKind::Mass => Ok(FaultEffect::Mass(self.factor()?)),
             FaultKind::Stiffness => Ok(FaultEffect::Stiffness(self.factor()?)),
             FaultKind::Damping => Ok(FaultEffect::Damping(self.number(
@@ -194,6 +191,31 @@ impl Checker<'_> {
 
     fn factor(&self) -> Result<f64, FaultError> {
         self.number("value", self.value(), 0.1..=10.0)
+    }
+
+    fn saturate(&self) -> Result<FaultEffect, FaultError> {
+        let limit = self.number("value", self.value(), 0.0..=1000.0)?;
+        let limit = match self.key("field") {
+            Some("angle") => Limit::Angle(limit),
+            Some("angle-rate") => Limit::AngleRate(limit),
+            Some("elongation-rate") => Limit::ElongationRate(limit),
+            other => {
+                let given = other.unwrap_or("missing");
+                let what = "it must be angle, angle-rate or elongation-rate";
+                return Err(self.bad("field", given, what));
+            }
+        };
+        self.actuator(ActuatorFault::Saturate(limit))
+    }
+
+    fn backlash(&self) -> Result<FaultEffect, FaultError> {
+        let gap = self.number("value", self.value(), 0.0..=1.0)?;
+        let drive = match self.key("field") {
+            None | Some("angle") => Drive::Angle,
+            Some("elongation") => Drive::Elongation,
+            Some(other) => return Err(self.bad("field", other, "it must be angle or elongation")),
+        };
+        self.actuator(ActuatorFault::Backlash(drive, gap))
     }
 
     fn foot_mass(&self) -> Result<FaultEffect, FaultError> {

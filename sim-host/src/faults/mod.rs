@@ -9,7 +9,7 @@ mod terrain;
 
 use std::fmt;
 
-use crate::faults::stage::actuator::{Lag, Limit, Saturate};
+use crate::faults::stage::actuator::{Backlash, Bandwidth, DeadTime, Drive, Lag, Limit, Saturate};
 use crate::faults::stage::message::{Corrupt, Delay, Duplicate, Freeze, FreezeMode, Loss, Reorder};
 use crate::faults::stage::sensor::{
     ContactNoise, Dead, FaultyReadings, Reading, ReadingFault, SensorTarget, Stuck, StuckSwitch,
@@ -88,6 +88,9 @@ enum SensorFault {
 enum ActuatorFault {
     Lag(f64),
     Saturate(Limit),
+    Bandwidth(f64),
+    DeadTime { ticks: u32 },
+    Backlash(Drive, f64),
 }
 
 /// A time (s) or a place (m) at which a fault begins or ends.
@@ -304,6 +307,9 @@ impl ActuatorFault {
         match self {
             Self::Lag(time_constant_s) => Box::new(Lag::new(time_constant_s, tick_s)),
             Self::Saturate(limit) => Box::new(Saturate::new(limit, tick_s)),
+            Self::Bandwidth(hz) => Box::new(Bandwidth::new(hz, tick_s)),
+            Self::DeadTime { ticks } => Box::new(DeadTime::new(ticks, tick_s)),
+            Self::Backlash(drive, gap) => Box::new(Backlash::new(drive, gap, tick_s)),
         }
     }
 }

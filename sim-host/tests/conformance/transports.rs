@@ -11,6 +11,9 @@ use leg_host::serial::{SerialController, SerialLeg};
 use leg_host::shm::{ShmController, ShmLeg};
 use leg_host::{ControllerLink, Domain, LegLink, SessionParams};
 use leg_process::Stop;
+use sim_host::faults::stage::actuator::{
+    Backlash, Bandwidth, DeadTime, Drive, Lag, Limit, Saturate,
+};
 use sim_host::faults::stage::message::{
     Corrupt, Delay, Duplicate, Freeze, FreezeMode, Loss, Reorder,
 };
@@ -18,7 +21,7 @@ use sim_host::faults::stage::sensor::{
     Dead, FaultyReadings, Reading, ReadingFault, SensorTarget, Stuck, StuckSwitch,
 };
 use sim_host::faults::stage::{
-    FaultPipeline, FaultPlan, FaultRng, FaultyLink, Window, WireMessage,
+    FaultPipeline, FaultPlan, FaultRng, FaultStage, FaultyLink, Window, WireMessage,
 };
 use tempfile::TempDir;
 
@@ -121,7 +124,7 @@ impl<T: Transport> Transport for Faulty<T> {
     }
 }
 
-/// Creates a plan with every fault of messages, none of which acts: by its window or its values.
+/// Creates a plan with every fault of messages and actuators, none of which acts: by its window or its values.
 pub(crate) fn all_inactive() -> FaultPlan {
     fn put<M: WireMessage>(pipeline: &mut FaultPipeline<M>) {
         let later = Window { from: 1 << 40, until: u64::MAX };
@@ -147,5 +150,19 @@ pub(crate) fn all_inactive() -> FaultPlan {
     let noise = FaultyReadings::new(acceleration, ReadingFault::Noise(1.0), rng.clone());
     plan.samples.push(10, later, Box::new(noise));
     plan.samples.push(11, later, Box::new(Stuck::new(target, 3, 1.0, rng)));
+    let tick_s = 1e-3;
+    let actuators: [(Window, Box<dyn FaultStage<Command>>); 8] = [
+        (later, Box::new(Lag::new(0.1, tick_s))),
+        (later, Box::new(Saturate::new(Limit::Angle(0.0), tick_s))),
+        (later, Box::new(Bandwidth::new(1.0, tick_s))),
+        (later, Box::new(DeadTime::new(5, tick_s))),
+        (later, Box::new(Backlash::new(Drive::Angle, 1.0, tick_s))),
+        (Window::ALWAYS, Box::new(DeadTime::new(0, tick_s))),
+        (Window::ALWAYS, Box::new(Backlash::new(Drive::Angle, 0.0, tick_s))),
+        (Window::ALWAYS, Box::new(Backlash::new(Drive::Elongation, 0.0, tick_s))),
+    ];
+    for (id, (window, stage)) in (12..).zip(actuators) {
+        plan.commands.push(id, window, stage);
+    }
     plan
 }

@@ -79,7 +79,24 @@ fn a_sweep_gives_equal_bits_with_one_and_two_threads() {
     let (one, two) = (sweep("1", "one"), sweep("2", "two"));
     assert_eq!(one, two);
     let report: serde_json::Value = serde_json::from_str(&one.0).expect("JSON");
-    assert_eq!(report["rows"].as_array().map(Vec::len), Some(42));
+    assert_eq!(report["rows"].as_array().map(Vec::len), Some(84));
+    // The report of one build beside the sweep of another, here the same.
+    let earlier = place.file("earlier.json");
+    std::fs::write(&earlier, &one.0).unwrap();
+    let below = place.file("beside");
+    let call = ["--runs", "1", "--media", "land", "--out", super::text(&below)];
+    let against = |file: &std::path::Path| {
+        let call = [&call[..], &["--against", super::text(file)]].concat();
+        place.start("robustness", &call).end()
+    };
+    let beside = against(&earlier);
+    let text = &beside.assert_ok().out;
+    assert!(text.contains("84 of 84 shares are equal; runs of the same starts"), "{text}");
+    std::fs::write(&earlier, "{\"rows\": 3}").unwrap();
+    against(&earlier).assert(2, &["earlier.json", "no report of `sim-host robustness --json`"]);
+    std::fs::write(&earlier, one.0.replace("\"hops\":30", "\"hops\":31")).unwrap();
+    against(&earlier).assert(2, &["cannot compare", "after 31 hops", "after 30"]);
+    against(&place.file("none.json")).assert(2, &["none.json", "cannot be read"]);
     place.start("robustness", &["--runs", "0"]).end().assert(2, &["--runs is 0", "from 1"]);
     place.start("robustness", &["--jobs", "0"]).end().assert(2, &["--jobs is 0", "from 1"]);
 }

@@ -2,12 +2,12 @@ use std::time::Duration;
 
 use proptest::prelude::*;
 
-use super::actuator::{Lag, Limit, Saturate};
 use super::message::{Corrupt, Delay, Duplicate, Freeze, FreezeMode, Loss, Reorder};
 use super::*;
 use leg_control::wire::{Command, Header, Sample, WIRE_VERSION, flags};
 use leg_host::{Link, memory};
 
+mod actuator;
 mod sensor;
 
 const TICKS: u64 = 2000;
@@ -129,70 +129,6 @@ fn a_frozen_link_repeats_the_last_message_or_sends_none() {
         assert_eq!(seqs[50..70], [frozen; 20]);
         assert_eq!((seqs[49], seqs[70], count), (Some(49), Some(70), 20));
     }
-}
-
-fn command(seq: u64, angle_rad: f32, elongation_m: f32, rate_m_s: f32) -> Command {
-    Command {
-        header: Header { version: WIRE_VERSION, seq, run_id: 1, ..Header::default() },
-        leg_angle_rad: angle_rad,
-        elongation_m,
-        elongation_rate_m_s: rate_m_s,
-        ..Command::default()
-    }
-}
-
-/// Passes one command a tick through an actuator fault.
-fn acted(
-    stage: impl FaultStage<Command> + 'static,
-    command: impl Fn(u64) -> Command,
-    ticks: u64,
-) -> Vec<Command> {
-    let mut pipeline = FaultPipeline::default();
-    pipeline.push(0, Window::ALWAYS, Box::new(stage));
-    (0..ticks).filter_map(|tick| pipeline.pass(tick, Some(command(tick)))).collect()
-}
-
-#[test]
-fn a_lag_reaches_63_percent_of_a_step_after_its_time_constant() {
-    let step = |tick| command(tick, if tick == 0 { 1.0 } else { 2.0 }, 0.0, 0.0);
-    let received = acted(Lag::new(0.02, 1e-3), step, 101);
-    assert!(
-        (received[20].leg_angle_rad - 1.632_120_6).abs() < 1e-5,
-        "{}",
-        received[20].leg_angle_rad
-    );
-    assert!((received[100].leg_angle_rad - 1.993_262).abs() < 1e-5);
-    // The lag follows a ramp one time constant late, at the rate of the ramp.
-    let ramp = |tick| command(tick, 1.0, 1e-3 * tick as f32, 1.0);
-    let received = acted(Lag::new(0.02, 1e-3), ramp, 300);
-    assert!((received[299].elongation_m - (0.299 - 0.02)).abs() < 1e-3, "{:?}", received[299]);
-    assert!((received[299].elongation_rate_m_s - 1.0).abs() < 1e-3);
-}
-
-#[test]
-fn a_saturated_actuator_never_exceeds_its_limit() {
-    let wild = |tick: u64| {
-        let swing = if tick.is_multiple_of(7) { 2.5 } else { 0.9 };
-        command(tick, swing, 0.02 * (tick % 5) as f32 - 0.03, 30.0)
-    };
-    let angle = acted(Saturate::new(Limit::Angle(0.3), 1e-3), wild, 200);
-    let upright = core::f32::consts::FRAC_PI_2;
-    assert!(angle.iter().all(|c| (c.leg_angle_rad - upright).abs() <= 0.300_001));
-    let rate = acted(Saturate::new(Limit::AngleRate(5.0), 1e-3), wild, 200);
-    assert!(rate.windows(2).all(|p| (p[0].leg_angle_rad - p[1].leg_angle_rad).abs() < 5.001e-3));
-    let push = acted(Saturate::new(Limit::ElongationRate(2.0), 1e-3), wild, 200);
-    // Below 0 the elongation is 0: what counts is the way over each tick, and between two.
-    let ends_m = |c: &Command| {
-        let start_m = f64::from(c.elongation_m);
-        [start_m, start_m + 1e-3 * f64::from(c.elongation_rate_m_s)].map(|m| m.max(0.0))
-    };
-    let ends: Vec<[f64; 2]> = push.iter().map(ends_m).collect();
-    assert!(ends[1..].iter().all(|[start_m, end_m]| (end_m - start_m).abs() < 2.001e-3));
-    assert!(ends.windows(2).all(|pair| (pair[1][0] - pair[0][0]).abs() < 2.001e-3));
-    // A command within the limit is unchanged to the last bit.
-    let calm = |tick| command(tick, 1.5, -0.01 + 1e-3 * tick as f32, 1.0);
-    let received = acted(Saturate::new(Limit::ElongationRate(2.0), 1e-3), calm, 50);
-    assert!(received.iter().enumerate().all(|(tick, c)| *c == calm(tick as u64)));
 }
 
 fn bits_apart<M: WireMessage>(a: &M, b: &M) -> u32 {
