@@ -1,4 +1,5 @@
-//! Losses of a real leg, each absent by default: damping, the mass of the foot, and friction.
+//! Losses of a real leg, each absent by default: damping, the mass of the foot, friction, and a
+//! limit of the force of the drive.
 //!
 //! The paper's leg is a spring without damping on a massless foot that never slips. Without losses
 //! the plant computes exactly that, to the last bit. The body's moving mass is `M` (dry and added
@@ -56,6 +57,13 @@
 //! positive work. Once the leg leaves the cone, such a foot slides out from under the load at once,
 //! the energy of the spring is lost, and the stance ends; so does the slide of a foot with a mass
 //! as that mass goes to 0.
+//!
+//! # Force of the drive
+//!
+//! The drive that elongates the leg is in series with the spring. While the spring's force is above
+//! the limit at the start of a tick in stance, the drive stands still: it does not lengthen the leg
+//! and is not pushed back. It then goes on at the commanded rate from where it is, so an elongation
+//! that was missed stays missed until the leg is in the air, where the drive follows the command.
 
 use crate::leg::{ParameterError, check_within};
 
@@ -66,11 +74,14 @@ pub struct Losses {
     pub(crate) foot_mass_kg: f64,
     /// Coefficient of friction; `None` for a foot that never slips.
     pub(crate) friction: Option<f64>,
+    /// Largest spring force against which the drive lengthens the leg; `None` for any.
+    pub(crate) drive_force_n: Option<f64>,
 }
 
 impl Losses {
     /// A spring without damping on a massless foot that never slips.
-    pub const NONE: Self = Self { damping_n_s_m: 0.0, foot_mass_kg: 0.0, friction: None };
+    pub const NONE: Self =
+        Self { damping_n_s_m: 0.0, foot_mass_kg: 0.0, friction: None, drive_force_n: None };
     /// Largest damping, N s/m.
     pub const MAX_DAMPING_N_S_M: f64 = 1000.0;
     /// Least mass of a foot that is not massless, kg. A lighter one slides within microseconds.
@@ -81,6 +92,8 @@ impl Losses {
     pub const MIN_FRICTION: f64 = 0.05;
     /// Largest coefficient of friction.
     pub const MAX_FRICTION: f64 = 2.0;
+    /// Largest limit of the drive's force, N.
+    pub const MAX_DRIVE_FORCE_N: f64 = 100_000.0;
 
     /// Sets the damping along the leg, N s/m.
     ///
@@ -112,6 +125,15 @@ impl Losses {
     pub fn with_friction(self, friction: f64) -> Result<Self, ParameterError> {
         check_within("friction", friction, [Self::MIN_FRICTION, Self::MAX_FRICTION])?;
         Ok(Self { friction: Some(friction), ..self })
+    }
+
+    /// Sets the largest force of the spring against which the drive lengthens the leg, N.
+    ///
+    /// # Errors
+    /// Returns an error if it is not within 0 and [`Losses::MAX_DRIVE_FORCE_N`].
+    pub fn with_drive_force(self, drive_force_n: f64) -> Result<Self, ParameterError> {
+        check_within("drive_force_n", drive_force_n, [0.0, Self::MAX_DRIVE_FORCE_N])?;
+        Ok(Self { drive_force_n: Some(drive_force_n), ..self })
     }
 
     /// Returns the damping, N s/m.

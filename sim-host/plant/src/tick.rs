@@ -134,6 +134,8 @@ pub struct TickPlant {
     /// A foot at rest is about to slide.
     foot_slips: bool,
     slid_m: f64,
+    /// Elongation that the drive missed in this stance, where the spring was too strong for it.
+    missed_elongation_m: f64,
     /// Rest length with the elongation at the end of the last tick.
     unloaded_length_m: f64,
     /// The last leg angle of this descent at which the foot was above the ground.
@@ -164,6 +166,7 @@ impl TickPlant {
             foot_vx_m_s: 0.0,
             foot_slips: false,
             slid_m: 0.0,
+            missed_elongation_m: 0.0,
             unloaded_length_m: leg.parameters().rest_length_m,
             clear_angle_rad: None,
             tolerance: Tolerance::default(),
@@ -251,15 +254,19 @@ impl TickPlant {
             standing
         };
         let follows = command.elongation_m.is_finite() && command.elongation_rate_m_s.is_finite();
+        let mut elongation = Elongation {
+            rest_length_m: p.rest_length_m,
+            max_m: p.max_elongation_m,
+            start_m: if follows { command.elongation_m } else { 0.0 },
+            rate_m_s: if follows { command.elongation_rate_m_s } else { 0.0 },
+        };
+        if let Some(limit_n) = self.losses.drive_force_n {
+            elongation = self.within_drive_force(elongation, limit_n, dt_s);
+        }
         let tick = Tick {
             flight,
             field: Field::new(&self.leg, &standing),
-            elongation: Elongation {
-                rest_length_m: p.rest_length_m,
-                max_m: p.max_elongation_m,
-                start_m: if follows { command.elongation_m } else { 0.0 },
-                rate_m_s: if follows { command.elongation_rate_m_s } else { 0.0 },
-            },
+            elongation,
             angle_rad: command.leg_angle_rad,
             gravity_m_s2: medium.gravity_m_s2(),
             ground,

@@ -300,6 +300,47 @@ fn a_lift_off_shares_the_momentum_with_the_foot() {
     }
 }
 
+#[test]
+fn a_drive_stands_still_above_its_force_and_goes_on_below_it() {
+    let lengths_m = |limit_n: Option<f64>| {
+        let start = Body { x_m: 0.0, vx_m_s: 0.0, y_m: 1.5, vy_m_s: 0.0 };
+        let losses =
+            limit_n.map_or(Losses::NONE, |limit_n| Losses::NONE.with_drive_force(limit_n).unwrap());
+        let mut plant = TickPlant::new(Leg::human(), start).with_losses(losses);
+        let (mut down_tick, mut forces_n, mut rests_m) = (None, Vec::new(), Vec::new());
+        for tick in 0..900 {
+            let since_s = down_tick.map_or(-1.0, |down| 1e-3 * f64::from(tick - down));
+            let command = LegCommand {
+                elongation_m: 0.5 * since_s,
+                elongation_rate_m_s: 0.5,
+                ..command(FRAC_PI_2)
+            };
+            let before = plant.clone();
+            plant.step(1e-3, command, Medium::AIR, &Flat);
+            if let (Phase::Stance { .. }, Phase::Stance { .. }) = (before.phase(), plant.phase()) {
+                down_tick = down_tick.or(Some(tick));
+                // The spring's force follows from the acceleration; of the body only gravity acts.
+                let fall_m_s = plant.body().vy_m_s - before.body().vy_m_s;
+                forces_n.push(88.0 * fall_m_s / 1e-3 + 9.81 * 80.0);
+                rests_m.push(forces_n[forces_n.len() - 1] / 20_000.0 + plant.leg_length_m());
+            }
+        }
+        (forces_n, rests_m, plant.body())
+    };
+    let (_, free, highest) = lengths_m(None);
+    let (forces_n, limited, lower) = lengths_m(Some(2000.0));
+    assert_eq!(lengths_m(Some(1e5)).1, free, "a limit that is not reached changes no bit");
+    assert!(free.iter().zip(&limited).any(|(free, limited)| free > &(limited + 0.02)));
+    for (force, pair) in forces_n.iter().zip(limited.windows(2)) {
+        let grown_m = pair[1] - pair[0];
+        // The force was found as a mean over a tick.
+        if *force > 2200.0 {
+            assert!(grown_m.abs() < 1e-4, "{force} N: {grown_m} m");
+        }
+    }
+    assert!(lower != highest);
+}
+
 /// Returns the energy of body and foot, J. In stance the weight of the foot does no work.
 fn energy_j(plant: &TickPlant, medium: Medium) -> f64 {
     let p = plant.leg().parameters();
@@ -399,6 +440,10 @@ fn a_loss_out_of_its_range_is_refused_by_name() {
             "foot_mass_kg is 11; it must be a number from 0.001 to",
         ),
         (Losses::NONE.with_foot_mass(1e-9), "foot_mass_kg is 0.000000001; it must be"),
+        (
+            Losses::NONE.with_drive_force(1e6),
+            "drive_force_n is 1000000; it must be a number from 0",
+        ),
         (Losses::NONE.with_friction(0.0), "friction is 0; it must be a number from 0.05 to 2"),
     ] {
         let refusal = refused.unwrap_err().to_string();

@@ -29,6 +29,7 @@ pub enum FaultKind {
     Damping,
     FootMass,
     Friction,
+    DriveForce,
     Ground,
     Medium,
 }
@@ -48,7 +49,7 @@ const SENSOR: &str = "samples";
 const ACTUATOR: &str = "commands";
 const WORLD: &str = "the leg, the ground and the medium";
 
-const TABLE: [KindInfo; 25] = [
+const TABLE: [KindInfo; 26] = [
     KindInfo {
         kind: FaultKind::Drop,
         name: "drop",
@@ -234,6 +235,14 @@ const TABLE: [KindInfo; 25] = [
         about: "largest horizontal force of the ground over the vertical one, beyond which the foot slips; one without foot-mass then loses its load at once",
     },
     KindInfo {
+        kind: FaultKind::DriveForce,
+        name: "drive-force",
+        value: "N, 0 to 100000",
+        keys: &[],
+        acts: WORLD,
+        about: "force of the spring above which the drive of the elongation stands still",
+    },
+    KindInfo {
         kind: FaultKind::Ground,
         name: "ground",
         value: "steps, slope, sine or rough",
@@ -276,6 +285,7 @@ impl FaultKind {
             | Self::Damping
             | Self::FootMass
             | Self::Friction
+            | Self::DriveForce
             | Self::Medium
             | Self::Freeze => "ticks",
             Self::Ground => "touchdowns above or below 0",

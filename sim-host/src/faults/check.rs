@@ -151,6 +151,11 @@ impl Checker<'_> {
                 self.value(),
                 Losses::MIN_FRICTION..=Losses::MAX_FRICTION,
             )?)),
+            FaultKind::DriveForce => Ok(FaultEffect::DriveForce(self.number(
+                "value",
+                self.value(),
+                0.0..=Losses::MAX_DRIVE_FORCE_N,
+            )?)),
             FaultKind::Ground => self.ground(),
             FaultKind::Medium => self.medium(),
         }

@@ -47,6 +47,7 @@ enum FaultEffect {
     Damping(f64),
     FootMass(f64),
     Friction(f64),
+    DriveForce(f64),
     Ground(Terrain),
     Medium { density_ratio: f64, from: Trigger, until: Option<Trigger> },
 }
@@ -54,7 +55,14 @@ enum FaultEffect {
 impl FaultEffect {
     /// Returns true if a run can have only one fault of this kind.
     fn is_single(&self) -> bool {
-        matches!(self, Self::Damping(_) | Self::FootMass(_) | Self::Friction(_) | Self::Ground(_))
+        matches!(
+            self,
+            Self::Damping(_)
+                | Self::FootMass(_)
+                | Self::Friction(_)
+                | Self::DriveForce(_)
+                | Self::Ground(_)
+        )
     }
 }
 
@@ -165,6 +173,7 @@ impl Faults {
                 | FaultEffect::Damping(_)
                 | FaultEffect::FootMass(_)
                 | FaultEffect::Friction(_)
+                | FaultEffect::DriveForce(_)
                 | FaultEffect::Ground(_)
                 | FaultEffect::Medium { .. } => (),
             }
@@ -189,6 +198,7 @@ impl Faults {
                 FaultEffect::Damping(n_s_m) => losses.with_damping(n_s_m),
                 FaultEffect::FootMass(kg) => losses.with_foot_mass(kg),
                 FaultEffect::Friction(coefficient) => losses.with_friction(coefficient),
+                FaultEffect::DriveForce(n) => losses.with_drive_force(n),
                 _ => Ok(losses),
             };
             with.expect("checked with the settings, by the same limits")
@@ -230,7 +240,8 @@ impl Faults {
                 | FaultEffect::Stiffness(_)
                 | FaultEffect::Damping(_)
                 | FaultEffect::FootMass(_)
-                | FaultEffect::Friction(_) => world.ticks,
+                | FaultEffect::Friction(_)
+                | FaultEffect::DriveForce(_) => world.ticks,
                 FaultEffect::Ground(_) => world.uneven_touchdowns,
                 FaultEffect::Medium { .. } => world.medium_ticks.get(id).copied().unwrap_or(0),
                 _ => 0,

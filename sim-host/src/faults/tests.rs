@@ -114,6 +114,7 @@ fn an_invalid_fault_is_refused_with_the_valid_values() {
         ("damping=1001", ["damping is 1001", "from 0 to 1000"]),
         ("foot-mass=0.0001", ["foot-mass is 0.0001", "0 or a number from 0.001 to 10"]),
         ("foot-mass=NaN", ["foot-mass is NaN", "0 or a number from 0.001 to 10"]),
+        ("drive-force=1e6", ["drive-force is 1e6", "from 0 to 100000"]),
         ("friction=0", ["friction is 0", "from 0.05 to 2"]),
         ("friction=0.5,from=2", ["`friction` has no key `from`", "its keys are: none"]),
         ("ground=hills", ["ground is hills", "steps, slope, sine or rough"]),
@@ -129,6 +130,7 @@ fn an_invalid_fault_is_refused_with_the_valid_values() {
         ("damping", ["50", "60.0"]),
         ("foot-mass", ["1", "2"]),
         ("friction", ["1", "2"]),
+        ("drive-force", ["1", "2"]),
     ] {
         let two = values.map(|value| format!("[[fault]]\n{kind} = {value}\n")).concat();
         let refused = Scenario::from_settings(&Settings::from_toml(&two).unwrap()).unwrap_err();
@@ -251,7 +253,7 @@ fn losses_act_on_the_simulated_leg_alone_and_at_rest_change_no_bit() {
     assert_eq!(outcome.state_hash, play(&lossy).state_hash);
     // In water the leg leans more than on land.
     let in_water = play(&with("medium = \"water\"")).state_hash;
-    for one in ["damping = 50", "foot-mass = 2", "friction = 0.1"] {
+    for one in ["damping = 50", "foot-mass = 2", "friction = 0.1", "drive-force = 100"] {
         let hash = play(&with(&format!("medium = \"water\"\n[[fault]]\n{one}"))).state_hash;
         assert_ne!(hash, in_water, "{one}");
     }

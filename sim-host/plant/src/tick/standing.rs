@@ -2,7 +2,7 @@
 
 use super::{Body, EventKind, Phase, Tick, TickEvents, TickPlant};
 use crate::contact::{Contact, ContactCorner, Forces};
-use crate::elongation::Ramp;
+use crate::elongation::{Elongation, Ramp};
 use crate::ground::Ground;
 use crate::pair::Pair;
 use crate::roots::falling_root;
@@ -132,6 +132,30 @@ impl TickPlant {
         self.phase = Phase::Stance { foot_x_m: foot_x_m + segment.state.foot_x_m, foot_y_m };
         self.turn(segment.corner, t_s, events);
         t_s
+    }
+
+    /// Returns the elongation over a tick of a drive that stands still above this spring force.
+    pub(super) fn within_drive_force(
+        &mut self,
+        commanded: Elongation,
+        limit_n: f64,
+        dt_s: f64,
+    ) -> Elongation {
+        if !matches!(self.phase, Phase::Stance { .. }) {
+            self.missed_elongation_m = 0.0;
+            return commanded;
+        }
+        let elongation =
+            Elongation { start_m: commanded.start_m - self.missed_elongation_m, ..commanded };
+        let p = self.leg.parameters();
+        let force_n = p.stiffness_n_m * (self.unloaded_length_m - self.leg_length_m());
+        let lengthens_m = elongation.ramp(dt_s).0.length_m - self.unloaded_length_m;
+        if force_n > limit_n && lengthens_m > 0.0 {
+            self.missed_elongation_m += lengthens_m;
+            let start_m = self.unloaded_length_m - p.rest_length_m;
+            return Elongation { start_m, rate_m_s: 0.0, ..elongation };
+        }
+        elongation
     }
 
     /// Reports the corner at which a segment ended, and lifts off if it is that.
