@@ -324,7 +324,7 @@ pub fn help() -> String {
         }
         for (i, line) in lines.iter().enumerate() {
             let (name, value) = if i == 0 { (row.name, row.value) } else { ("", "") };
-            let _ = writeln!(text, "  {name:<10} {value:<29} {line}");
+            let _ = writeln!(text, "  {name:<11} {value:<28} {line}");
         }
     }
     text.push_str(

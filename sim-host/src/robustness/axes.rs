@@ -120,7 +120,7 @@ pub(super) const AXES: [Axis; 12] = [
         name: "bandwidth",
         unit: "bandwidth of angle and elongation, Hz",
         prefix: "bandwidth=",
-        levels: [0.2, 0.3, 0.5, 1.0, 2.0, 5.0, 10.0],
+        levels: [0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0],
         none: None,
     },
     Axis {

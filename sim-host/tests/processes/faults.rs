@@ -92,6 +92,11 @@ fn a_sweep_gives_equal_bits_with_one_and_two_threads() {
     let beside = against(&earlier);
     let text = &beside.assert_ok().out;
     assert!(text.contains("84 of 84 shares are equal; runs of the same starts"), "{text}");
+    // The shipped policy from a file beside itself.
+    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/../controller/policies/robust.bin");
+    let itself = against(std::path::Path::new(shipped));
+    let text = &itself.assert_ok().out;
+    assert!(text.contains("84 of 84 shares are equal; runs of the same starts"), "{text}");
     std::fs::write(&earlier, "{\"rows\": 3}").unwrap();
     against(&earlier).assert(2, &["earlier.json", "no report of `sim-host robustness --json`"]);
     std::fs::write(&earlier, one.0.replace("\"hops\":30", "\"hops\":31")).unwrap();

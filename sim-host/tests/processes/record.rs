@@ -162,6 +162,20 @@ fn a_recorded_run_is_the_same_run_and_replays_bit_for_bit() {
 }
 
 #[test]
+fn a_recorded_run_of_a_leg_with_losses_replays_bit_for_bit() {
+    let place = Place::new();
+    let path = place.file("lossy.mcap");
+    let mut run = vec!["--in-process", "--set-point", "0.3", "--duration", "10"];
+    for fault in ["damping=50", "foot-mass=2", "friction=0.6", "drive-force=4000"] {
+        run.extend(["--fault", fault]);
+    }
+    run.extend(["--record", text(&path)]);
+    place.alone(&run).end().assert_ok();
+    let same = place.start("replay", &[text(&path)]).end();
+    assert!(same.assert_ok().out.contains("10000 commands compared: the same, bit for bit"));
+}
+
+#[test]
 fn plots_any_span_of_a_recording() {
     let place = Place::new();
     let (path, svg) = (place.file("run.mcap"), place.file("run.svg"));
