@@ -59,6 +59,8 @@ pub enum ConfigError {
     StaleLimit(u64),
     /// A stated deviation of the noise is out of range; see [`StateNoise::is_valid`].
     Noise,
+    /// This build has no state estimator: the feature `estimator` is off.
+    NoEstimator,
     /// A range of the limits is empty, not finite or too wide; see [`Limits::are_valid`].
     Limits,
 }
@@ -82,6 +84,7 @@ impl core::fmt::Display for ConfigError {
             Self::Noise => {
                 f.write_str("noise of the readings: each standard deviation must be 1e-4 to 1e3")
             }
+            Self::NoEstimator => f.write_str("this controller was built without a state estimator"),
             Self::Limits => f.write_str(
                 "limits: each range must be finite, not empty and within 1e6, heights 0 or more, \
                  and the longest gap from 1 ns to 1 s",

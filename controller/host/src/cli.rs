@@ -20,6 +20,7 @@ use std::time::Duration;
 
 use super::bench::{self, BenchError};
 use super::discovery::{DEFAULT_DOMAIN, DomainError};
+use super::law::{LawError, LawSettings};
 use super::link::{LinkError, Role, TimeMode};
 use super::node_loop::RunResult;
 use super::policy_cache::PolicyCacheError;
@@ -73,6 +74,9 @@ pub struct Args {
     /// density estimate needs it).
     #[arg(long, value_name = "M_S2", default_value_t = 9.81, allow_negative_numbers = true)]
     pub gravity: f32,
+    /// What the control law takes for the state, and how old a sample may be.
+    #[command(flatten)]
+    pub law: LawSettings,
     /// End after one run, instead of waiting for the next leg.
     #[arg(long)]
     pub once: bool,
@@ -156,6 +160,9 @@ pub enum CliError {
     /// The rate or the gravity is out of range.
     #[error(transparent)]
     Config(#[from] ConfigError),
+    /// A setting of the law is out of range.
+    #[error(transparent)]
+    Law(#[from] LawError),
     /// A signal handler could not be set.
     #[error("cannot listen to signals: {0}")]
     Signals(io::Error),
@@ -186,6 +193,7 @@ impl CliError {
             Self::Connect(error) => hint::connect_error(error),
             Self::Link(error) => hint::link_error(error),
             Self::Serve(error) => hint::serve_error(error),
+            Self::Law(error) => Some(format!("{} sets it", hint::law_option(error.key))),
             _ => None,
         }
     }
@@ -198,6 +206,7 @@ impl CliError {
                 | Self::Cache(_)
                 | Self::Bench(BenchError::Policy(_))
                 | Self::Config(_)
+                | Self::Law(_)
                 | Self::Connect(ConnectError::Domain(DomainError::Name(_)))
         )
     }

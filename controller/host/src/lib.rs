@@ -24,6 +24,7 @@ pub mod discovery;
 mod fixture;
 pub mod flash;
 pub mod json_socket;
+pub mod law;
 pub mod link;
 pub mod memory;
 mod memory_store;

@@ -207,8 +207,13 @@ impl NodeServer {
         let (changes, to_take) = RingBuffer::new(CHANGES);
         let (to_report, taken) = RingBuffer::new(TAKEN);
         let mut control_node = ControlNode::new();
-        let session =
-            node::SessionParams { rate_hz: params.rate_hz, gravity_m_s2: params.gravity_m_s2 };
+        let session = node::SessionParams {
+            rate_hz: params.rate_hz,
+            gravity_m_s2: params.gravity_m_s2,
+            stale_limit_ns: u32::try_from(params.stale_limit_ns)
+                .map_err(|_| ConfigError::StaleLimit(params.stale_limit_ns))?,
+            estimator: params.estimator.unwrap_or_default(),
+        };
         control_node.reset(std::process::id(), session)?;
         control_node.set_mode(match params.time_mode {
             Some(TimeMode::RealTime) => Mode::Live,

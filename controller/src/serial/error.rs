@@ -113,6 +113,17 @@ pub enum RequestError {
     NotFound,
     /// The node has not taken the changes requested before.
     Busy,
+    /// The stale limit is out of range.
+    StaleLimit {
+        /// Shortest, ns.
+        least_ns: u32,
+        /// Longest, ns.
+        most_ns: u32,
+    },
+    /// A deviation of the noise is out of range.
+    Noise,
+    /// The node was built without the estimator.
+    NoEstimator,
 }
 
 impl fmt::Display for SlotError {
@@ -213,6 +224,16 @@ impl fmt::Display for RequestError {
             Self::Busy => f.write_str(
                 "earlier changes still wait for the control loop, which is not ticking; try again \
                  when the leg goes on",
+            ),
+            Self::StaleLimit { least_ns, most_ns } => {
+                write!(f, "a stale limit must be from {least_ns} to {most_ns} ns")
+            }
+            Self::Noise => {
+                f.write_str("each standard deviation of the noise must be from 1e-4 to 1e3")
+            }
+            Self::NoEstimator => f.write_str(
+                "it was built without a state estimator; flash firmware built with the feature \
+                 `estimator`, or run by the readings",
             ),
         }
     }

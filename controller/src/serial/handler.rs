@@ -5,7 +5,7 @@ use super::message::{
     Alarm, DeviceCounts, Identity, LineCounts, MAX_CHUNK, Mode, Reply, Request, Slot, SlotError,
     SlotReport, Status, cut,
 };
-use super::node::{NodeChange, NodeHandle, SessionParams, check_set_point};
+use super::node::{NodeChange, NodeHandle, check_set_point};
 use super::store::{PolicyStore, StoreError};
 use crate::wire::WIRE_VERSION;
 
@@ -96,9 +96,7 @@ impl<S: PolicyStore> RequestHandler<S> {
             Request::Read { crc32, offset } => return self.read(crc32, offset),
             // For the program around the node, if there is one.
             Request::Report { .. } => Err(RequestError::Unsupported),
-            Request::Reset { session, rate_hz, gravity_m_s2 } => {
-                node.change(NodeChange::Reset(session, SessionParams { rate_hz, gravity_m_s2 }))
-            }
+            Request::Reset { session, params } => node.change(NodeChange::Reset(session, params)),
             Request::SetMode(mode) => node.change(NodeChange::SetMode(mode)),
             Request::SetPoint(set_point_m_s) => set_point(set_point_m_s, node),
             Request::Begin { length, crc32, origin } => self.begin(length, crc32, origin, node),

@@ -95,10 +95,8 @@ pub enum Request<'a> {
         /// power-up, so that a host which reconnects knows whether its run is
         /// still there.
         session: u32,
-        /// Ticks a second, Hz.
-        rate_hz: u32,
-        /// Gravity where the leg is, m/s2.
-        gravity_m_s2: f32,
+        /// How the control law runs.
+        params: SessionParams,
     },
     /// Sets what makes a tick. Answered by [`Reply::Done`].
     SetMode(Mode),
@@ -164,6 +162,38 @@ impl Request<'_> {
             Self::Identify | Self::Status | Self::Slots | Self::Read { .. } | Self::Report { .. }
         )
     }
+}
+
+/// How the control law of a session runs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SessionParams {
+    /// Ticks a second, Hz.
+    pub rate_hz: u32,
+    /// Gravity where the leg is, m/s2.
+    pub gravity_m_s2: f32,
+    /// Age from which on a sample counts for nothing, ns.
+    pub stale_limit_ns: u32,
+    /// What the law takes for the state.
+    pub estimator: Estimator,
+}
+
+/// What the control law takes for the state, with the noise of its sensors: standard
+/// deviations. [`crate::config::Estimation`] as a message.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Estimator {
+    /// The readings themselves.
+    #[default]
+    Readings,
+    /// An estimate from noisy readings of the state channels.
+    State {
+        /// Of both velocities, m/s.
+        velocity_m_s: f32,
+        /// Of the height, m.
+        height_m: f32,
+        /// Of the leg length, m.
+        leg_length_m: f32,
+    },
 }
 
 /// What makes a tick.

@@ -4,36 +4,57 @@ use core::error::Error;
 use core::fmt;
 
 use super::error::RequestError;
+pub use super::message::SessionParams;
 use super::message::{
-    Activity, Mode, PolicyReport, RejectCounts, RunCounts, RunStatus, RunTick, Slot, cut,
+    Activity, Estimator, Mode, PolicyReport, RejectCounts, RunCounts, RunStatus, RunTick, Slot, cut,
 };
-use crate::config::{Config, ConfigError, RATE_HZ};
-use crate::guard::Limits;
+use crate::config::{Config, ConfigError, Estimation, RATE_HZ, STALE_LIMIT_NS};
+#[cfg(feature = "estimator")]
+use crate::estimator::StateNoise;
+use crate::guard::{Limits, SAFE_AFTER_NS};
 use crate::policy::Policy;
 use crate::wire::{Command, Sample};
 use crate::wire_controller::WireController;
 
-/// Ticks a second before the first reset, Hz.
-const USUAL_RATE_HZ: u32 = 1_000;
-/// Gravity before the first reset, m/s2.
-const USUAL_GRAVITY_M_S2: f32 = 9.81;
-
-/// The parameters of a session.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SessionParams {
-    /// Ticks a second, Hz.
-    pub rate_hz: u32,
-    /// Gravity, m/s2.
-    pub gravity_m_s2: f32,
+impl Default for SessionParams {
+    /// Returns those before the first reset: 1 kHz on Earth, by the readings.
+    fn default() -> Self {
+        Self {
+            rate_hz: 1_000,
+            gravity_m_s2: 9.81,
+            stale_limit_ns: SAFE_AFTER_NS as u32,
+            estimator: Estimator::Readings,
+        }
+    }
 }
 
 impl SessionParams {
     /// Returns the configuration of the control law.
     ///
     /// # Errors
-    /// [`ConfigError`] when a parameter is out of range.
+    /// [`ConfigError`] when a parameter is out of range, or the law was built without the
+    /// estimator that it asks for.
     pub fn config(&self) -> Result<Config, ConfigError> {
-        Config::at_rate(self.rate_hz)?.with_gravity(self.gravity_m_s2)
+        Config::at_rate(self.rate_hz)?
+            .with_gravity(self.gravity_m_s2)?
+            .with_stale_limit(self.stale_limit_ns.into())?
+            .with_estimation(self.estimator.try_into()?)
+    }
+}
+
+impl TryFrom<Estimator> for Estimation {
+    type Error = ConfigError;
+
+    fn try_from(estimator: Estimator) -> Result<Self, ConfigError> {
+        match estimator {
+            Estimator::Readings => Ok(Self::Readings),
+            #[cfg(feature = "estimator")]
+            Estimator::State { velocity_m_s, height_m, leg_length_m } => {
+                Ok(Self::StateChannels(StateNoise { velocity_m_s, height_m, leg_length_m }))
+            }
+            #[cfg(not(feature = "estimator"))]
+            Estimator::State { .. } => Err(ConfigError::NoEstimator),
+        }
     }
 }
 
@@ -62,11 +83,14 @@ impl From<ConfigError> for RequestError {
     fn from(error: ConfigError) -> Self {
         match error {
             ConfigError::Rate(_) => Self::Rate { least: *RATE_HZ.start(), most: *RATE_HZ.end() },
-            // All else is as usual: it cannot be at fault.
-            ConfigError::Gravity(_)
-            | ConfigError::Limits
-            | ConfigError::StaleLimit(_)
-            | ConfigError::Noise => Self::Gravity,
+            ConfigError::StaleLimit(_) => Self::StaleLimit {
+                least_ns: *STALE_LIMIT_NS.start() as u32,
+                most_ns: *STALE_LIMIT_NS.end() as u32,
+            },
+            ConfigError::Noise => Self::Noise,
+            ConfigError::NoEstimator => Self::NoEstimator,
+            // The limits are as usual: they cannot be at fault.
+            ConfigError::Gravity(_) | ConfigError::Limits => Self::Gravity,
         }
     }
 }
@@ -123,7 +147,7 @@ impl<'a> ControlNode<'a> {
         Self {
             running: None,
             config: Config::default(),
-            params: SessionParams { rate_hz: USUAL_RATE_HZ, gravity_m_s2: USUAL_GRAVITY_M_S2 },
+            params: SessionParams::default(),
             session: None,
             mode: Mode::Idle,
             set_point_m_s: None,

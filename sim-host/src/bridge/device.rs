@@ -3,7 +3,7 @@
 use std::fmt;
 use std::time::{Duration, Instant};
 
-use leg_control::serial::message::{Alarm, Mode, Request, Status};
+use leg_control::serial::message::{Alarm, Mode, Request, SessionParams, Status};
 use leg_control::wire::WIRE_VERSION;
 use leg_host::LinkError;
 use leg_host::serial::client::{ClientError, IDENTIFY_TIMEOUT, random_u32};
@@ -35,10 +35,8 @@ pub enum OnUnplug {
 /// The parameters of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RunParams {
-    /// Ticks a second, Hz.
-    pub rate_hz: u32,
-    /// Gravity, m/s2.
-    pub gravity_m_s2: f32,
+    /// How the control law runs.
+    pub law: SessionParams,
     /// What makes a tick.
     pub mode: Mode,
 }
@@ -165,9 +163,8 @@ impl Device {
 
     /// Begins a session; the controller forgets the one before.
     pub(super) fn begin(&mut self) -> Result<(), ClientError> {
-        let RunParams { rate_hz, gravity_m_s2, mode } = self.params;
-        let session = self.session;
-        self.client.have_done(&Request::Reset { session, rate_hz, gravity_m_s2 })?;
+        let RunParams { law, mode } = self.params;
+        self.client.have_done(&Request::Reset { session: self.session, params: law })?;
         self.base = self.counts()?;
         self.client.have_done(&Request::SetMode(mode))
     }
@@ -332,7 +329,7 @@ mod tests {
             let connect: Connector = Box::new(move || Ok(over_unix(here.take().unwrap()).unwrap()));
             let there = over_unix(there).unwrap();
             let node = std::thread::spawn(move || identify_as(theirs, there));
-            let params = RunParams { rate_hz: 1_000, gravity_m_s2: 9.81, mode: Mode::LockStep };
+            let params = RunParams { law: SessionParams::default(), mode: Mode::LockStep };
             let (stop, patience) = (Stop::default(), Duration::ZERO);
             let found =
                 Device::find(connect, Box::new(|_| ()), params, OnUnplug::End, patience, &stop);

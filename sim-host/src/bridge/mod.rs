@@ -132,7 +132,11 @@ pub fn run(
     // Fits a leg in lock-step and one in real time.
     let meeting = SessionParams {
         leg,
-        ..SessionParams::at(params.rate_hz).with_gravity(params.gravity_m_s2).with_any_time_mode()
+        ..SessionParams::at(params.law.rate_hz)
+            .with_gravity(params.law.gravity_m_s2)
+            .with_stale_limit(params.law.stale_limit_ns.into())
+            .with_estimator(params.law.estimator)
+            .with_any_time_mode()
     };
 
     // Refused parameters are the caller's error, to report at once. A controller that was left

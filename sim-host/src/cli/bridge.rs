@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use leg_control::config::Config;
 use leg_host::cli::Meeting;
 use leg_host::discovery::DomainError;
 use leg_host::serial::stream::EndpointArgs;
@@ -13,7 +12,8 @@ use leg_host::socket::SocketError;
 use leg_process::stdout;
 use leg_process::{Stop, remedy, stderr};
 
-use leg_control::serial::message::Mode;
+use leg_control::serial::message::{Mode, SessionParams};
+use leg_host::law::{LawError, LawSettings};
 
 use super::misuse;
 use crate::bridge::{self, BridgeError, Connector, OnUnplug, Options, RunParams};
@@ -30,6 +30,8 @@ pub(super) struct Args {
     /// Gravity where the leg is, m/s2; the simulator's must be the same.
     #[arg(long, value_name = "M_S2", default_value_t = 9.81, allow_negative_numbers = true)]
     gravity: f32,
+    #[command(flatten)]
+    law: LawSettings,
     #[command(flatten)]
     meeting: Meeting,
     /// What starts the controller's ticks.
@@ -72,13 +74,20 @@ fn parse_fraction(text: &str) -> Result<f64, String> {
 }
 
 pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
-    Config::at_rate(args.rate)
-        .and_then(|config| config.with_gravity(args.gravity))
-        .map_err(misuse)?;
+    let of_law = |error: LawError| {
+        misuse(format!("{}: {error}", leg_host::cli::hint::law_option(error.key)))
+    };
+    let law = SessionParams {
+        rate_hz: args.rate,
+        gravity_m_s2: args.gravity,
+        // At most a second.
+        stale_limit_ns: args.law.stale_limit_ns().map_err(of_law)? as u32,
+        estimator: args.law.estimator().map_err(of_law)?.unwrap_or_default(),
+    };
+    law.config().map_err(misuse)?;
     let options = Options {
         params: RunParams {
-            rate_hz: args.rate,
-            gravity_m_s2: args.gravity,
+            law,
             mode: match args.mode {
                 ModeArg::LockStep => Mode::LockStep,
                 ModeArg::Live => Mode::Live,

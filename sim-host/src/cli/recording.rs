@@ -4,11 +4,12 @@ use leg_process::stderr;
 use std::path::Path;
 
 use leg_control::policy::Policy;
+use leg_control::serial::message::Estimator;
 use leg_host::TimeMode;
 use leg_host::realtime::{RxStatus, TickObserver};
 
 use super::misuse;
-use crate::record::schema::{Config, End, Loop, Policy as PolicyMessage};
+use crate::record::schema::{Config, End, Law, Loop, Policy as PolicyMessage};
 use crate::record::{ChangePoller, OnFull, RecordError, RecordTap, Recorder};
 use crate::scenario::{Scenario, Settings};
 use crate::session::{Hooks, Options, Outcome, TickRecord};
@@ -48,6 +49,13 @@ impl Recording {
         if let Some(active) = &self.0 {
             let run_id = Options::default().run_id;
             active.recorder.sink().policy(PolicyMessage::of(blob, policy, run_id, 0));
+        }
+    }
+
+    /// Records how the control law runs; `stepped` in turn with the leg, in this thread.
+    pub(super) fn law(&self, estimator: Estimator, stale_limit_ns: u64, stepped: bool) {
+        if let Some(active) = &self.0 {
+            active.recorder.sink().law(Law::of(estimator, stale_limit_ns, stepped));
         }
     }
 

@@ -116,6 +116,7 @@ fn connect_options(args: &Args, scenario: &Scenario) -> ConnectOptions {
         rate_hz: scenario.rate_hz,
         gravity_m_s2: scenario.controller_gravity_m_s2(),
         domain: domain.clone(),
+        law: scenario.law_arguments(),
         real_time: Vec::new(),
     };
     ConnectOptions { domain, timeout: TIMEOUT, start: Some(controller), run_id: new_run_id() }

@@ -3,11 +3,12 @@
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use leg_control::policy;
+use leg_control::serial::message::Estimator;
 use leg_control::wire::WIRE_VERSION;
-use leg_host::TimeMode;
 use leg_host::realtime::{RxStatus, TickStats};
+use leg_host::{TimeMode, law};
 
-use super::schema::{Config, End, Loop, Policy};
+use super::schema::{Config, End, Law, Loop, Noise, Policy};
 use crate::scenario::{Scenario, Settings};
 use crate::session::{Ending, Outcome};
 
@@ -41,6 +42,25 @@ impl Config {
             command_line: std::env::args_os().map(|a| a.to_string_lossy().into_owned()).collect(),
             started_unix_ns: since.as_nanos() as u64,
         })
+    }
+}
+
+impl Law {
+    /// Describes a law with this estimator; `stepped` in turn with the leg.
+    #[must_use]
+    pub fn of(estimator: Estimator, stale_limit_ns: u64, stepped: bool) -> Self {
+        let (name, noise) = law::parts(estimator);
+        let noise = noise.into_iter().map(|(name, deviation)| Noise { name, deviation }).collect();
+        Self { estimator: name, noise, stale_limit_ns, stepped }
+    }
+
+    /// Returns the estimator.
+    ///
+    /// # Errors
+    /// A message with the name of an estimator or of a noise that this program does not know.
+    pub fn estimator(&self) -> Result<Estimator, String> {
+        let noise = self.noise.iter().map(|noise| (noise.name.as_str(), noise.deviation));
+        law::from_parts(&self.estimator, noise)
     }
 }
 

@@ -7,7 +7,7 @@
 use std::path::{Path, PathBuf};
 
 use super::read::{ReadError, Reader, TimedMessage};
-use super::schema::{AnyMessage, Channel, Config, PROFILE, Policy, SetPoint};
+use super::schema::{AnyMessage, Channel, Config, Law, PROFILE, Policy, SetPoint};
 
 /// Most messages that are sorted in memory: 4 GB.
 const MAX_SORTED: u64 = 20_000_000;
@@ -23,6 +23,8 @@ pub struct Contents {
     pub policies: Vec<Policy>,
     /// Every set-point of a request that differs from the others.
     pub set_points: Vec<SetPoint>,
+    /// How the control law ran, where the file tells; every one that differs from the others.
+    pub laws: Vec<Law>,
     /// Log time, ns, run id and number of the first tick.
     first: Option<(u64, u32, u64)>,
     /// Number of samples.
@@ -49,6 +51,7 @@ impl Contents {
             configs: Vec::new(),
             policies: Vec::new(),
             set_points: Vec::new(),
+            laws: Vec::new(),
             first: None,
             ticks: 0,
             commands: 0,
@@ -84,6 +87,7 @@ impl Contents {
             AnyMessage::SetPoint(set_point) if !self.set_points.contains(&set_point) => {
                 self.set_points.push(set_point);
             }
+            AnyMessage::Law(law) if !self.laws.contains(&law) => self.laws.push(law),
             AnyMessage::Sample(sample) => {
                 let this = (log_time_ns, sample.run_id, sample.seq);
                 self.first = Some(self.first.map_or(this, |first| first.min(this)));

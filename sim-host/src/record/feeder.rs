@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use rtrb::Consumer;
 
 use super::pipe::{self, FrameBuffer};
-use super::schema::{End, Loop, Policy, SetPoint};
+use super::schema::{End, Law, Loop, Policy, SetPoint};
 use super::tap::{RingEntry, RingState};
 use super::translate::Translator;
 use super::writer_process::{DONE, FAILED};
@@ -34,6 +34,7 @@ const FINISH_TIMEOUT: Duration = Duration::from_mins(1);
 pub(super) enum SideMessage {
     Policy(Policy),
     SetPoint(SetPoint),
+    Law(Law),
     Loop(Loop),
     End(End),
 }
@@ -86,6 +87,7 @@ impl Feeder {
                     SideMessage::SetPoint(set_point) => {
                         self.translator.set_point(&set_point, &mut frames);
                     }
+                    SideMessage::Law(law) => self.translator.law(&law, &mut frames),
                     SideMessage::Loop(timing) => self.translator.timing(&timing, &mut frames),
                     SideMessage::End(message) => end = Some(message),
                 }

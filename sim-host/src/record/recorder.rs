@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use super::feeder::{Feeder, LostWriter, SideMessage, Writer};
 use super::pipe::{self, FrameBuffer};
-use super::schema::{Config, End, Loop, Policy, SetPoint};
+use super::schema::{Config, End, Law, Loop, Policy, SetPoint};
 use super::tap::{OnFull, RING_CAPACITY, RecordTap, RingState};
 use super::translate::Translator;
 use super::writer_process::{FAILED, READY, part};
@@ -80,6 +80,11 @@ impl RecordSink {
     /// Records a set-point that the controller received beside the samples.
     pub fn set_point(&self, set_point: SetPoint) {
         let _ = self.0.send(SideMessage::SetPoint(set_point));
+    }
+
+    /// Records how the control law runs.
+    pub fn law(&self, law: Law) {
+        let _ = self.0.send(SideMessage::Law(law));
     }
 
     /// Records the timing of a tick.

@@ -87,6 +87,7 @@ channels! {
     Policy = "/policy",
     SetPoint = "/set_point",
     Config = "/config",
+    Law = "/law",
     Loop = "/loop",
     End = "/end",
 }

@@ -2,7 +2,7 @@
 
 use super::pipe::FrameBuffer;
 use super::schema::{
-    Apex, Command, Event, EventKind, Loop, Phase, Policy, Sample, SetPoint, State,
+    Apex, Command, Event, EventKind, Law, Loop, Phase, Policy, Sample, SetPoint, State,
 };
 use super::tap::{RingEntry, TickCopy};
 
@@ -139,6 +139,11 @@ impl Translator {
     /// Adds a set-point at the tick before which the controller received it.
     pub(super) fn set_point(&self, set_point: &SetPoint, frames: &mut FrameBuffer) {
         frames.add(self.tick_time_ns(set_point.seq), set_point);
+    }
+
+    /// Adds how the control law runs, at the start of the recording.
+    pub(super) fn law(&self, law: &Law, frames: &mut FrameBuffer) {
+        frames.add(self.started_unix_ns, law);
     }
 
     /// Adds the timing of a tick.

@@ -64,7 +64,7 @@ impl SetPoints {
 
     /// Runs one tick as the recorded controller did, or one without a sample, after the sample
     /// with the header `last`.
-    fn tick(
+    pub(super) fn tick(
         &self,
         controller: &mut WireController<'_>,
         sample: Option<&Sample>,

@@ -3,10 +3,12 @@
 //!
 //! In lock-step the controller received every sample, so the same policy must give
 //! the same commands bit for bit. In real time it may have missed samples, and the
-//! recording does not show which; see `controller`.
+//! recording does not show which; see `controller`. Where a run in lock-step had faults on its
+//! link, they are injected anew; see `faulted`.
 
 mod compare;
 mod controller;
+mod faulted;
 mod report;
 mod source;
 
@@ -15,16 +17,18 @@ use std::path::{Path, PathBuf};
 
 use leg_control::config::{Config as ControlConfig, ConfigError};
 use leg_control::policy::{ParseError, Policy};
+use leg_control::serial::node::SessionParams;
 use leg_control::wire_controller::WireController;
 use leg_process::policy_file::{AlignedBytes, PolicyFile, PolicyFileError};
 
 use crate::record::contents::Contents;
 use crate::record::read::ReadError;
-use crate::record::schema::{Channel, Config};
+use crate::record::schema::Channel;
 use crate::record::versions::READABLE;
 
 pub use compare::{Difference, difference};
 use controller::{Divergence, ReplayController, SetPoints, Swap};
+use faulted::Faulted;
 pub use report::{ApexComparison, ReplayReport};
 pub use source::{Answer, Source};
 
@@ -74,7 +78,15 @@ pub enum ReplayError {
         /// The cause.
         why: String,
     },
-    /// Its rate or gravity is out of range.
+    /// Its control law is not known.
+    #[error("{}: {cause}; replay it with the release that made it", path.display())]
+    Law {
+        /// The recording.
+        path: PathBuf,
+        /// What is not known.
+        cause: String,
+    },
+    /// Its rate, gravity, stale limit or noise is out of range.
     #[error("{}: {cause}", path.display())]
     Config {
         /// The recording.
@@ -90,7 +102,7 @@ pub enum ReplayError {
 /// [`ReplayError`] if the recording or the policy cannot be used.
 pub fn replay(path: &Path, other: Option<&PolicyFile>) -> Result<ReplayReport, ReplayError> {
     let contents = Contents::of(path)?;
-    let config = control_config(path, contents.config()?)?;
+    let config = control_config(path, &contents)?;
     let first_tick = contents.first()?;
     if contents.commands == 0 {
         return Err(contents.missing("new command of a controller", Channel::Command).into());
@@ -104,9 +116,15 @@ pub fn replay(path: &Path, other: Option<&PolicyFile>) -> Result<ReplayReport, R
     let Some(Swap { policy: Some(first), .. }) = swaps.pop_front() else {
         return Err(ReplayError::NoPolicy(path.to_owned()));
     };
-    let mut report = ReplayReport::new(path, &contents, first.manifest().name, other.is_some())?;
+    let faulted = Faulted::of(&contents)?;
+    let name = first.manifest().name;
+    let mut report = ReplayReport::new(path, &contents, name, other.is_some(), faulted.is_some())?;
     let set_points = SetPoints::of(&contents.set_points);
     let fresh = WireController::new(first, config);
+    if let Some(faulted) = faulted {
+        faulted.follow(&contents, fresh, swaps, &set_points, other.is_some(), &mut report)?;
+        return finished(report, path);
+    }
     let mut controller = ReplayController::new(fresh, swaps, set_points);
     let mut source = Source::open(&contents)?;
     while let Some(answer) = source.next_answer()? {
@@ -141,6 +159,10 @@ pub fn replay(path: &Path, other: Option<&PolicyFile>) -> Result<ReplayReport, R
             }
         }
     }
+    finished(report, path)
+}
+
+fn finished(mut report: ReplayReport, path: &Path) -> Result<ReplayReport, ReplayError> {
     report.finish();
     if report.compared == 0 {
         let why = report.not_compared.unwrap_or_else(|| "it has none to compare".to_owned());
@@ -149,7 +171,8 @@ pub fn replay(path: &Path, other: Option<&PolicyFile>) -> Result<ReplayReport, R
     Ok(report)
 }
 
-fn control_config(path: &Path, config: &Config) -> Result<ControlConfig, ReplayError> {
+fn control_config(path: &Path, contents: &Contents) -> Result<ControlConfig, ReplayError> {
+    let config = contents.config()?;
     if !READABLE.contains(&config.wire_version) {
         return Err(ReplayError::WireVersion {
             path: path.to_owned(),
@@ -157,9 +180,24 @@ fn control_config(path: &Path, config: &Config) -> Result<ControlConfig, ReplayE
             release: config.sim_host_version.clone(),
         });
     }
-    ControlConfig::at_rate(config.rate_hz)
-        .and_then(|control| control.with_gravity(config.gravity_m_s2))
-        .map_err(|cause| ReplayError::Config { path: path.to_owned(), cause })
+    let usual = SessionParams::default();
+    let (estimator, stale_limit_ns) = match contents.laws.as_slice() {
+        [] => (usual.estimator, usual.stale_limit_ns.into()),
+        [law] => {
+            let unknown = |cause| ReplayError::Law { path: path.to_owned(), cause };
+            (law.estimator().map_err(unknown)?, law.stale_limit_ns)
+        }
+        more => return Err(contents.merged(format!("it has {} control laws", more.len())).into()),
+    };
+    SessionParams {
+        rate_hz: config.rate_hz,
+        gravity_m_s2: config.gravity_m_s2,
+        // What does not fit is out of range.
+        stale_limit_ns: u32::try_from(stale_limit_ns).unwrap_or(u32::MAX),
+        estimator,
+    }
+    .config()
+    .map_err(|cause| ReplayError::Config { path: path.to_owned(), cause })
 }
 
 /// Returns the policies in the order in which the controller received them.

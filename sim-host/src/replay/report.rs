@@ -81,6 +81,7 @@ impl ReplayReport {
         contents: &Contents,
         policy: &str,
         is_other: bool,
+        injects_faults: bool,
     ) -> Result<Self, ReadError> {
         let config = contents.config()?;
         Ok(Self {
@@ -98,7 +99,11 @@ impl ReplayReport {
             not_compared: None,
             not_compared_ticks: 0,
             apexes: Vec::new(),
-            warnings: contents.warning().into_iter().chain(fault_warning(config)).collect(),
+            warnings: contents
+                .warning()
+                .into_iter()
+                .chain(fault_warning(config).filter(|_| !injects_faults))
+                .collect(),
             last_apexes: 0,
         })
     }

@@ -7,14 +7,18 @@
 mod profile;
 mod settings;
 
+use std::ffi::OsString;
 use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use leg_control::config::RATE_HZ;
-use leg_control::guard::{Limits, SAFE_AFTER_NS};
+use leg_control::config::{Config, ConfigError, RATE_HZ};
+use leg_control::guard::Limits;
 use leg_control::leg::LegModel;
+use leg_control::serial::message::Estimator;
+use leg_control::serial::node;
 use leg_host::SessionParams;
+use leg_host::law::{self, LawError, LawSettings};
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::{Rng, SeedableRng};
 
@@ -25,6 +29,9 @@ use crate::faults::{self, Faults};
 use crate::sensors::{Figures, SensorProfile, SensorSetting};
 use leg_plant::{Body, Ground, Leg, Medium, TickPlant};
 
+/// [`BadValue::key`] of the settings of the control law.
+pub(crate) const NOISE: &str = "controller.noise";
+pub(crate) const STALE_LIMIT_MS: &str = "controller.stale_limit_ms";
 /// Longest run, s.
 const MAX_DURATION_S: f64 = 86_400.0;
 const DEFAULT_DURATION_S: f64 = 60.0;
@@ -63,8 +70,11 @@ pub struct Scenario {
     /// Faults to inject.
     pub faults: Faults,
     /// Age from which on a command counts for nothing, and time without one after which the
-    /// leg gives up, ns; of the controller the same. Settings do not change it.
+    /// leg gives up, ns; of the controller the same.
     pub stale_limit_ns: u64,
+    /// What the controller takes for the state; `None` leaves it to a controller that is started
+    /// apart, and is otherwise the readings.
+    pub estimator: Option<Estimator>,
 }
 
 impl Scenario {
@@ -114,9 +124,32 @@ impl Scenario {
     /// Returns the parameters on which leg and controller must agree.
     #[must_use]
     pub fn session_params(&self) -> SessionParams {
-        SessionParams::at(self.rate_hz)
+        let params = SessionParams::at(self.rate_hz)
             .with_gravity(self.controller_gravity_m_s2())
             .with_leg(&self.leg_model())
+            .with_stale_limit(self.stale_limit_ns);
+        SessionParams { estimator: self.estimator, ..params }
+    }
+
+    /// Returns the configuration of a controller for this scenario.
+    ///
+    /// # Errors
+    /// [`ConfigError`] if a value is out of its range.
+    pub fn controller_config(&self) -> Result<Config, ConfigError> {
+        node::SessionParams {
+            rate_hz: self.rate_hz,
+            gravity_m_s2: self.controller_gravity_m_s2(),
+            stale_limit_ns: u32::try_from(self.stale_limit_ns)
+                .map_err(|_| ConfigError::StaleLimit(self.stale_limit_ns))?,
+            estimator: self.estimator.unwrap_or_default(),
+        }
+        .config()
+    }
+
+    /// Returns the options of a controller program with this control law.
+    #[must_use]
+    pub fn law_arguments(&self) -> Vec<OsString> {
+        LawSettings::of(self.estimator, self.stale_limit_ns).arguments()
     }
 
     /// Returns the leg of the plant: that of the controller's configuration, unless a
@@ -220,7 +253,8 @@ impl Scenario {
             sensor_profile,
             sensors,
             faults,
-            stale_limit_ns: SAFE_AFTER_NS,
+            stale_limit_ns: s.controller.stale_limit_ns().map_err(law)?,
+            estimator: s.controller.estimator().map_err(law)?,
         })
     }
 }
@@ -282,6 +316,7 @@ impl Settings {
             } else {
                 self.set_point_steps.or(base.set_point_steps)
             },
+            controller: self.controller.over(base.controller),
             start: StartSettings {
                 x_m: self.start.x_m.or(base.start.x_m),
                 y_m: self.start.y_m.or(base.start.y_m),
@@ -295,6 +330,11 @@ impl Settings {
             faults: base.faults.into_iter().chain(self.faults).collect(),
         }
     }
+}
+
+/// Returns the error of a setting of the control law.
+fn law(LawError { key, what }: LawError) -> BadValue {
+    BadValue { key: if key == law::NOISE { NOISE } else { STALE_LIMIT_MS }, what }
 }
 
 fn leg(s: &Settings) -> Result<Leg, BadValue> {

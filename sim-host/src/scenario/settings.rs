@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::profile::SetPointStep;
 use crate::faults::FaultSetting;
 use crate::sensors::{self, SensorProfile, SensorSetting};
+use leg_host::law::LawSettings;
 use leg_plant::LegParameters;
 
 /// A named leg.
@@ -104,6 +105,10 @@ pub struct Settings {
     #[arg(long = "sensor", value_name = "FIGURE=VALUE")]
     #[serde(rename = "sensor", with = "sensors::as_table", skip_serializing_if = "Vec::is_empty")]
     pub sensor_figures: Vec<SensorSetting>,
+
+    /// The control law; a controller that is started apart has its own options.
+    #[command(flatten)]
+    pub controller: LawSettings,
 
     /// The start of the run.
     #[command(flatten)]

@@ -25,6 +25,8 @@ pub struct ControllerArgs {
     pub gravity_m_s2: f32,
     /// The domain in which both processes connect.
     pub domain: String,
+    /// Options of its control law.
+    pub law: Vec<OsString>,
     /// Options of its loop in real time; empty in lock-step.
     pub real_time: Vec<OsString>,
 }
@@ -44,7 +46,7 @@ impl ControllerArgs {
         ] {
             arguments.extend([flag.into(), value.into()]);
         }
-        arguments.extend(self.real_time.iter().cloned());
+        arguments.extend(self.law.iter().chain(&self.real_time).cloned());
         arguments
     }
 }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use harness::board::{BOARDS, Image};
 use harness::emulator::Emulator;
-use leg_control::serial::message::{Mode, Request, Status};
+use leg_control::serial::message::{Mode, Request, SessionParams, Status};
 use leg_control::wire::{Command, Sample};
 use leg_host::serial::client::{Client, IDENTIFY_TIMEOUT, Received};
 use leg_host::serial::stream::{ByteStream, Endpoint};
@@ -87,7 +87,14 @@ impl Flashed {
 
     /// As [`Self::reset`], with this session number.
     pub(crate) fn begin(&mut self, session: u32, mode: Mode) {
-        let reset = Request::Reset { session, rate_hz: RATE_HZ, gravity_m_s2: GRAVITY_M_S2 };
+        let reset = Request::Reset {
+            session,
+            params: SessionParams {
+                rate_hz: RATE_HZ,
+                gravity_m_s2: GRAVITY_M_S2,
+                ..SessionParams::default()
+            },
+        };
         self.client.have_done(&reset).expect("a reset");
         self.client.have_done(&Request::SetMode(mode)).expect("a mode");
     }

@@ -6,8 +6,11 @@
 
 use std::fmt::Display;
 
+use leg_control::guard::SAFE_AFTER_NS;
+
 use crate::discovery::DomainError;
 use crate::json_socket::AskError;
+use crate::law::STALE_LIMIT_MS;
 use crate::link::{LinkError, Role, SessionParams, TimeMode};
 use crate::reconnect::LinkEvent;
 use crate::serial::ClientError;
@@ -40,10 +43,16 @@ pub fn start_command(role: Role) -> &'static str {
 #[must_use]
 pub fn missing_peer(missing: &MissingPeer) -> String {
     let MissingPeer { peer, domain, params, .. } = missing;
-    let SessionParams { rate_hz, gravity_m_s2, time_mode, .. } = params;
-    let real_time = if *time_mode == Some(TimeMode::RealTime) { " --real-time" } else { "" };
+    let SessionParams { rate_hz, gravity_m_s2, time_mode, stale_limit_ns, .. } = *params;
+    let real_time = if time_mode == Some(TimeMode::RealTime) { " --real-time" } else { "" };
+    let stale_limit = if stale_limit_ns == SAFE_AFTER_NS {
+        String::new()
+    } else {
+        format!(" --stale-limit {}", 1e-6 * stale_limit_ns as f64)
+    };
     format!(
-        "start one with `{} --domain {domain} --rate {rate_hz} --gravity {gravity_m_s2}{real_time}`",
+        "start one with `{} --domain {domain} --rate {rate_hz} --gravity \
+         {gravity_m_s2}{stale_limit}{real_time}`",
         start_command(*peer)
     )
 }
@@ -63,9 +72,26 @@ pub fn connect_error(error: &ConnectError) -> Option<String> {
             Parameter::Rate => Some("give both the same --rate".to_owned()),
             Parameter::Gravity => Some("give both the same --gravity".to_owned()),
             Parameter::TimeMode => Some("give --real-time to both sides, or to neither".to_owned()),
+            Parameter::StaleLimit => Some("give both the same --stale-limit".to_owned()),
+            Parameter::Estimator => Some(
+                "give both the same --estimator and --estimator-noise, or the simulator none"
+                    .to_owned(),
+            ),
+            Parameter::Channels => Some(
+                "choose an --estimator that needs no more, or a leg with these sensors".to_owned(),
+            ),
         },
         ConnectError::Domain(error) => domain_error(error),
         _ => None,
+    }
+}
+
+/// Returns the option of a setting of the control law.
+#[must_use]
+pub fn law_option(key: &str) -> &'static str {
+    match key {
+        STALE_LIMIT_MS => "--stale-limit",
+        _ => "--estimator-noise",
     }
 }
 

@@ -52,6 +52,8 @@ impl RunServer {
     /// Takes the role, and opens the control socket.
     fn begin(args: &Args, figures: &LatestReport) -> Result<Self, CliError> {
         Config::at_rate(args.rate)?.with_gravity(args.gravity)?;
+        let stale_limit_ns = args.law.stale_limit_ns()?;
+        let estimator = args.law.estimator()?.unwrap_or_default();
         let blob = PolicyFile::load(args.policy.as_deref())?;
         let leg = blob.policy()?.manifest().leg;
         let policy = policy_cache::intern(blob.as_slice())?;
@@ -66,7 +68,8 @@ impl RunServer {
 
         let domain = Domain::join(args.domain.name())?;
         let params = SessionParams::at(args.rate).with_gravity(args.gravity).with_leg(&leg);
-        let params = params.with_time_mode(args.time_mode());
+        let params = params.with_time_mode(args.time_mode()).with_stale_limit(stale_limit_ns);
+        let params = params.with_estimator(estimator);
         let link = ShmController::open(&domain, params, &stop)?;
         let monitor = link.monitor();
         let sources = StatusSources {

@@ -2,9 +2,13 @@
 
 use std::fmt;
 
+use leg_control::guard::SAFE_AFTER_NS;
 use leg_control::leg::LegModel;
+use leg_control::serial::message::Estimator;
 use leg_control::wire::WIRE_VERSION;
 use serde::{Deserialize, Serialize};
+
+use crate::law::Channels;
 
 /// The two roles on a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -66,8 +70,8 @@ impl fmt::Display for TimeMode {
 
 /// The parameters of a session that each side publishes before the first message.
 ///
-/// Both sides must agree on all of them except the leg: a policy may be tried on
-/// a leg for which it was not trained.
+/// Both sides must agree on all of them except the leg (a policy may be tried on a leg for which
+/// it was not trained) and the channels: the leg may sense more than the law needs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SessionParams {
     /// Version of the messages.
@@ -81,6 +85,20 @@ pub struct SessionParams {
     pub leg: Option<u32>,
     /// What advances the time; `None` accepts either mode.
     pub time_mode: Option<TimeMode>,
+    /// Age from which on a sample or a command counts for nothing, ns.
+    #[serde(default = "usual_stale_limit_ns")]
+    pub stale_limit_ns: u64,
+    /// What the controller takes for the state; of a leg, what it wants a controller to take.
+    /// `None` if unspecified, and accepts any.
+    #[serde(default)]
+    pub estimator: Option<Estimator>,
+    /// What the leg senses; of a controller, what its law needs.
+    #[serde(default)]
+    pub channels: Channels,
+}
+
+fn usual_stale_limit_ns() -> u64 {
+    SAFE_AFTER_NS
 }
 
 impl SessionParams {
@@ -94,7 +112,23 @@ impl SessionParams {
             gravity_m_s2: 9.81,
             leg: None,
             time_mode: Some(TimeMode::LockStep),
+            stale_limit_ns: SAFE_AFTER_NS,
+            estimator: None,
+            channels: Channels::default(),
         }
+    }
+
+    /// Returns the same parameters with another stale limit, ns.
+    #[must_use]
+    pub fn with_stale_limit(self, stale_limit_ns: u64) -> Self {
+        Self { stale_limit_ns, ..self }
+    }
+
+    /// Returns the same parameters of a controller with this estimator.
+    #[must_use]
+    pub fn with_estimator(self, estimator: Estimator) -> Self {
+        let channels = Channels::needed_by(estimator);
+        Self { estimator: Some(estimator), channels, ..self }
     }
 
     /// Returns the same parameters with another time mode.

@@ -1,11 +1,12 @@
 //! The process at the other end of a link.
 
+use leg_control::serial::message::Estimator;
 use serde::{Deserialize, Serialize};
 
 use super::params::Role;
 
 /// A connected peer whose session parameters agree with this end's.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Peer {
     /// Role of the peer.
     pub role: Role,
@@ -14,6 +15,9 @@ pub struct Peer {
     /// [`fingerprint`](leg_control::leg::LegModel::fingerprint) of the leg that the
     /// peer simulates or has a policy for; `None` if it does not specify one.
     pub leg: Option<u32>,
+    /// What a controller takes for the state, or a leg wants it to take; `None` if it does not
+    /// say.
+    pub estimator: Option<Estimator>,
 }
 
 /// The state of the connection to the peer, for a status report.

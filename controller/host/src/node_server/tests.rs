@@ -2,7 +2,7 @@ use super::*;
 use crate::fixture::{blob_of, manifest};
 use crate::policy_cache;
 use leg_control::policy::SHIPPED;
-use leg_control::serial::message::{RejectCounts, RunTick};
+use leg_control::serial::message::{self, RejectCounts, RunTick};
 use leg_control::wire::{Header, WIRE_VERSION, flags};
 
 fn open() -> (NodeLoop, NodeServer) {
@@ -243,7 +243,10 @@ fn a_run_ends_by_a_restart_or_with_the_first_accepted_sample_of_another_and_the_
 fn a_client_cannot_reset_a_process_or_set_its_mode() {
     let (_node, mut server) = open();
     for request in [
-        Request::Reset { session: 1, rate_hz: 500, gravity_m_s2: 9.81 },
+        Request::Reset {
+            session: 1,
+            params: message::SessionParams { rate_hz: 500, ..message::SessionParams::default() },
+        },
         Request::SetMode(Mode::Idle),
     ] {
         let mut filter = RepeatFilter::default();

@@ -14,7 +14,7 @@ use leg_control::policy::SHIPPED;
 use leg_control::serial::PROTOCOL_VERSION;
 use leg_control::serial::frame::{self, MAX_FRAME};
 use leg_control::serial::message::{
-    Alarm, Crash, Mode, Request, RequestError, Slot, SlotError, ToHost,
+    Alarm, Crash, Mode, Request, RequestError, SessionParams, Slot, SlotError, ToHost,
 };
 use leg_control::wire::{Header, Sample};
 use leg_process::Stop;
@@ -182,7 +182,12 @@ fn framed_as(version: u8) -> Vec<u8> {
 #[test]
 fn samples_and_requests_are_answered_independently() {
     let (mut client, _board) = board();
-    client.have_done(&Request::Reset { session: 7, rate_hz: 500, gravity_m_s2: 1.62 }).unwrap();
+    client
+        .have_done(&Request::Reset {
+            session: 7,
+            params: SessionParams { rate_hz: 500, gravity_m_s2: 1.62, ..SessionParams::default() },
+        })
+        .unwrap();
     client.have_done(&Request::SetMode(Mode::LockStep)).unwrap();
     let who = client.identify(LONG).unwrap();
     assert_eq!((who.session, who.rate_hz, who.gravity_m_s2), (Some(7), 500, 1.62));

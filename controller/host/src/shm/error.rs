@@ -4,6 +4,7 @@ use std::fmt::{self, Display};
 use std::time::Duration;
 
 use crate::discovery::{Domain, DomainError, Whereabouts};
+use crate::law::Described;
 use crate::link::{LinkError, Role, SessionParams, TimeMode};
 
 /// A peer that has not connected, and the session parameters that it needs.
@@ -125,6 +126,12 @@ pub enum Parameter {
     Gravity,
     /// What advances the time.
     TimeMode,
+    /// Age from which on a message counts for nothing, ms.
+    StaleLimit,
+    /// What the controller takes for the state.
+    Estimator,
+    /// What the leg senses, and what the law needs.
+    Channels,
 }
 
 impl Parameter {
@@ -139,6 +146,22 @@ impl Parameter {
                 "the {peer} is under a gravity of {theirs} m/s2, this program under {ours} m/s2"
             ),
             Self::TimeMode => format!("the {peer} runs in {theirs}, this program in {ours}"),
+            Self::StaleLimit => format!(
+                "the {peer} has a stale limit of {theirs} ms, this program one of {ours} ms"
+            ),
+            Self::Estimator => {
+                format!("the estimator of the {peer} is {theirs}, that of this program {ours}")
+            }
+            Self::Channels => match peer {
+                Role::Leg => format!(
+                    "the leg of the {peer} senses {theirs}, but the estimator of this program \
+                     needs {ours}"
+                ),
+                Role::Controller => format!(
+                    "the estimator of the {peer} needs {theirs}, but the leg of this program \
+                     senses {ours}"
+                ),
+            },
         }
     }
 }
@@ -157,11 +180,24 @@ pub(super) fn disagreement(
     let modes =
         theirs.time_mode.zip(ours.time_mode).unwrap_or((TimeMode::LockStep, TimeMode::LockStep));
     let text = |number: &dyn Display| number.to_string();
+    let estimators = theirs.estimator.zip(ours.estimator).map(|(theirs, ours)| [theirs, ours]);
+    let [their_estimator, our_estimator] =
+        estimators.unwrap_or_default().map(|estimator| Described(estimator).to_string());
+    let (senses, needs) = match peer {
+        Role::Leg => (theirs.channels, ours.channels),
+        Role::Controller => (ours.channels, theirs.channels),
+    };
+    let channels = (!senses.include(needs)).then_some([theirs.channels, ours.channels]);
+    let [their_channels, our_channels] = channels.unwrap_or_default().map(|it| it.to_string());
+    let ms = |ns: u64| (1e-6 * ns as f64).to_string();
     [
         (Parameter::WireVersion, text(&theirs.wire_version), text(&ours.wire_version)),
         (Parameter::Rate, text(&theirs.rate_hz), text(&ours.rate_hz)),
         (Parameter::Gravity, text(&theirs.gravity_m_s2), text(&ours.gravity_m_s2)),
         (Parameter::TimeMode, text(&modes.0), text(&modes.1)),
+        (Parameter::StaleLimit, ms(theirs.stale_limit_ns), ms(ours.stale_limit_ns)),
+        (Parameter::Estimator, their_estimator, our_estimator),
+        (Parameter::Channels, their_channels, our_channels),
     ]
     .into_iter()
     .find(|(_, theirs, ours)| theirs != ours)

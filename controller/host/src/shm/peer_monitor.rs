@@ -288,7 +288,8 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
             self.map_peer(&ports)?;
             channel.send(&Line::Ready);
         }
-        let peer = Peer { role: In::SENDER, pid: hello.pid, leg: hello.params.leg };
+        let SessionParams { leg, estimator, .. } = hello.params;
+        let peer = Peer { role: In::SENDER, pid: hello.pid, leg, estimator };
         Ok((PeerState::Preparing(channel, peer, ports), None))
     }
 

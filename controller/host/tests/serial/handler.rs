@@ -6,8 +6,8 @@ use leg_control::serial::endpoint::Endpoint;
 use leg_control::serial::frame::{MAX_FRAME, Receiver, decode, encode};
 use leg_control::serial::handler::RequestHandler;
 use leg_control::serial::message::{
-    Alarm, BlobError, DeviceCounts, MAX_CHUNK, MAX_NAME, Mode, Reply, Request, RequestError, Slot,
-    SlotError, ToController, ToHost, cut,
+    Alarm, BlobError, DeviceCounts, Estimator, MAX_CHUNK, MAX_NAME, Mode, Reply, Request,
+    RequestError, SessionParams, Slot, SlotError, ToController, ToHost, cut,
 };
 use leg_control::serial::node::{ControlNode, SharedNode};
 use leg_control::serial::slots::{FlashSlots, MappedFlash, SEAL_LEN};
@@ -99,7 +99,11 @@ fn an_upload_with_any_byte_flipped_leaves_the_running_policy_running() {
 fn a_hundred_uploads_and_swaps_while_hopping_miss_no_tick() {
     let blobs = ["even", "odd"].map(small_blob);
     let mut rig = Rig::power_up(factory(&small_blob("first")));
-    rig.order(&Request::Reset { session: 1, rate_hz: 1_000, gravity_m_s2: 9.81 }).unwrap();
+    rig.order(&Request::Reset {
+        session: 1,
+        params: SessionParams { rate_hz: 1_000, gravity_m_s2: 9.81, ..SessionParams::default() },
+    })
+    .unwrap();
     rig.hop();
     let mut ticks = HOP_TICKS / 4;
     for round in 0..100 {
@@ -160,9 +164,19 @@ fn a_repeated_request_is_answered_again_and_executed_once() {
 #[test]
 fn refuses_values_out_of_range_with_the_limit() {
     let mut rig = Rig::power_up(factory(&small_blob("old")));
-    let reset = |rate_hz, gravity_m_s2| Request::Reset { session: 2, rate_hz, gravity_m_s2 };
+    let reset = |rate_hz, gravity_m_s2| Request::Reset {
+        session: 2,
+        params: SessionParams { rate_hz, gravity_m_s2, ..SessionParams::default() },
+    };
     assert_eq!(rig.order(&reset(49, 9.81)), Err(RequestError::Rate { least: 50, most: 20_000 }));
     assert_eq!(rig.order(&reset(1_000, f32::NAN)), Err(RequestError::Gravity));
+    let with = |params| Request::Reset { session: 2, params };
+    let late = SessionParams { stale_limit_ns: 1_000_000_001, ..SessionParams::default() };
+    let refused = RequestError::StaleLimit { least_ns: 50_000, most_ns: 1_000_000_000 };
+    assert_eq!(rig.order(&with(late)), Err(refused));
+    let estimator = Estimator::State { velocity_m_s: 0.0, height_m: 0.1, leg_length_m: 0.1 };
+    let exact = SessionParams { estimator, ..SessionParams::default() };
+    assert_eq!(rig.order(&with(exact)), Err(RequestError::Noise));
     for bad in [f32::NAN, f32::INFINITY, -50.5] {
         let refused = Err(RequestError::SetPoint { most_m_s: 50.0 });
         assert_eq!(rig.order(&Request::SetPoint(Some(bad))), refused);
@@ -288,7 +302,10 @@ fn a_reset_sets_the_session_that_a_reconnecting_host_can_read() {
     let mut rig = Rig::power_up(factory(&small_blob("old")));
     let Reply::Identity(before) = rig.ask(&Request::Identify) else { panic!() };
     assert_eq!((before.session, before.mode, before.board), (None, Mode::Idle, "rig"));
-    let reset = Request::Reset { session: 77, rate_hz: 500, gravity_m_s2: 1.62 };
+    let reset = Request::Reset {
+        session: 77,
+        params: SessionParams { rate_hz: 500, gravity_m_s2: 1.62, ..SessionParams::default() },
+    };
     rig.order(&reset).unwrap();
     rig.order(&Request::SetMode(Mode::LockStep)).unwrap();
     let running = rig.running();

@@ -3,7 +3,7 @@
 use crate::rig::{HOP_TICKS, Rig, factory, hopping, is_safe, small_blob};
 use leg_control::config::Config;
 use leg_control::policy::Policy;
-use leg_control::serial::message::{Mode, Request};
+use leg_control::serial::message::{Mode, Request, SessionParams};
 use leg_control::serial::node::{ControlNode, SharedNode};
 use leg_control::wire::{Command, Header, WIRE_VERSION, flags};
 use leg_control::wire_controller::WireController;
@@ -11,7 +11,11 @@ use leg_host::flash::MemoryFlash;
 
 fn rig(mode: Mode) -> Rig<MemoryFlash> {
     let mut rig = Rig::power_up(factory(&small_blob("one")));
-    rig.order(&Request::Reset { session: 1, rate_hz: 1_000, gravity_m_s2: 9.81 }).unwrap();
+    rig.order(&Request::Reset {
+        session: 1,
+        params: SessionParams { rate_hz: 1_000, gravity_m_s2: 9.81, ..SessionParams::default() },
+    })
+    .unwrap();
     rig.order(&Request::SetMode(mode)).unwrap();
     rig
 }
@@ -145,7 +149,11 @@ fn a_set_point_of_the_host_overrides_that_of_the_samples() {
 #[test]
 fn after_a_reset_the_controller_is_as_after_a_power_up() {
     let run = |rig: &mut Rig<MemoryFlash>| -> Vec<Vec<u8>> {
-        rig.order(&Request::Reset { session: 9, rate_hz: 1_000, gravity_m_s2: 3.7 }).unwrap();
+        rig.order(&Request::Reset {
+            session: 9,
+            params: SessionParams { rate_hz: 1_000, gravity_m_s2: 3.7, ..SessionParams::default() },
+        })
+        .unwrap();
         rig.order(&Request::SetMode(Mode::LockStep)).unwrap();
         let ticks = 0..3 * HOP_TICKS;
         let commands =

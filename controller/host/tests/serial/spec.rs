@@ -4,9 +4,10 @@ use leg_control::checksum::crc32;
 use leg_control::serial::PROTOCOL_VERSION;
 use leg_control::serial::frame::{MAX_FRAME, decode, encode};
 use leg_control::serial::message::{
-    Activity, Alarm, BlobError, Crash, DeviceCounts, Identity, LineCounts, MAX_CHUNK, MAX_NAME,
-    MAX_ORIGIN, Mode, PolicyReport, RejectCounts, Reply, Request, RequestError, RunCounts,
-    RunStatus, RunTick, Slot, SlotError, SlotReport, Status, ToController, ToHost,
+    Activity, Alarm, BlobError, Crash, DeviceCounts, Estimator, Identity, LineCounts, MAX_CHUNK,
+    MAX_NAME, MAX_ORIGIN, Mode, PolicyReport, RejectCounts, Reply, Request, RequestError,
+    RunCounts, RunStatus, RunTick, SessionParams, Slot, SlotError, SlotReport, Status,
+    ToController, ToHost,
 };
 use leg_control::serial::slots::{FlashSlots, SEAL_LEN};
 use leg_control::serial::store::PolicyStore;
@@ -42,7 +43,15 @@ const CHUNK: [u8; MAX_CHUNK] = {
 fn requests() -> Vec<Request<'static>> {
     vec![
         Request::Identify,
-        Request::Reset { session: 0xfedc_ba98, rate_hz: 1_000, gravity_m_s2: 1.625 },
+        Request::Reset {
+            session: 0xfedc_ba98,
+            params: SessionParams {
+                rate_hz: 1_000,
+                gravity_m_s2: 1.625,
+                stale_limit_ns: 0xf123_4567,
+                estimator: Estimator::Readings,
+            },
+        },
         Request::SetMode(Mode::Live),
         Request::SetPoint(Some(-0.75)),
         Request::Status,
@@ -55,6 +64,11 @@ fn requests() -> Vec<Request<'static>> {
         Request::Read { crc32: 0x7654_3210, offset: u32::MAX },
         Request::Report { offset: u32::MAX },
     ]
+}
+
+fn estimators() -> Vec<Estimator> {
+    let (velocity_m_s, height_m, leg_length_m) = (0.125, 0.375, 0.0625);
+    vec![Estimator::Readings, Estimator::State { velocity_m_s, height_m, leg_length_m }]
 }
 
 fn modes() -> Vec<Mode> {
@@ -170,6 +184,9 @@ fn refusals() -> Vec<RequestError> {
         RequestError::Unsupported,
         RequestError::NotFound,
         RequestError::Busy,
+        RequestError::StaleLimit { least_ns: 50_000, most_ns: 1_000_000_000 },
+        RequestError::Noise,
+        RequestError::NoEstimator,
     ]
 }
 
@@ -243,6 +260,10 @@ pub(super) fn examples() -> (Vec<ToController<'static>>, Vec<ToHost<'static>>) {
     let request = |request| ToController::Request { id, request };
     to_controller.extend(requests().into_iter().map(request));
     to_controller.extend(modes().into_iter().map(|mode| request(Request::SetMode(mode))));
+    to_controller.extend(estimators().into_iter().map(|estimator| {
+        let params = SessionParams { estimator, ..SessionParams::default() };
+        request(Request::Reset { session: 1, params })
+    }));
     to_controller.push(request(Request::SetPoint(None)));
 
     let mut to_host = vec![ToHost::Command { seq: 0xe5e6_e7e8, command: command() }];
@@ -324,6 +345,7 @@ macro_rules! all_borrowed_variants {
 #[test]
 fn there_is_an_example_of_every_variant() {
     all_variants(&modes());
+    all_variants(&estimators());
     all_variants(&blob_faults());
     all_variants(&slot_faults());
     all_variants(&refusals());

@@ -61,6 +61,7 @@ fn in_process(
     let policy = blob.policy().map_err(misuse)?;
     warn_of_other_leg(&policy, scenario);
     recording.policy(blob.as_slice(), &policy);
+    recording.law(scenario.estimator.unwrap_or_default(), scenario.stale_limit_ns, true);
     let mut controller = WireController::new(policy, controller_config(scenario)?);
     let law = |sample: Option<&Sample>| controller.tick(sample);
     Ok(stepped::run(scenario, law, Options::default(), |tick| recording.push(tick))?)

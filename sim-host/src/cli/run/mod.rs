@@ -33,6 +33,8 @@ fn in_options(error: &ScenarioError) -> String {
             "start.vx_spread_m_s" => Some("--start-vx-spread"),
             "fault" => Some("--fault"),
             "sensor" => Some("--sensor"),
+            scenario::NOISE => Some("--estimator-noise"),
+            scenario::STALE_LIMIT_MS => Some("--stale-limit"),
             _ => None,
         },
         _ => None,

@@ -27,9 +27,7 @@ use crate::session::{Ending, Outcome};
 
 /// Returns the configuration of a scenario's controller.
 pub(super) fn controller_config(scenario: &Scenario) -> anyhow::Result<Config> {
-    Config::at_rate(scenario.rate_hz)
-        .and_then(|config| config.with_gravity(scenario.controller_gravity_m_s2()))
-        .map_err(misuse)
+    scenario.controller_config().map_err(misuse)
 }
 
 /// Warns if the policy of a controller in this process was trained for another leg.
@@ -79,13 +77,20 @@ pub(super) fn with_controller<R>(
         rate_hz: scenario.rate_hz,
         gravity_m_s2: scenario.controller_gravity_m_s2(),
         domain: domain.clone(),
+        law: scenario.law_arguments(),
         real_time: args.real_time.controller_arguments(),
     });
     let run_id = new_run_id();
     recording.poll_changes(&domain, run_id);
     let connect = ConnectOptions { domain, timeout, start, run_id };
     let on_event = printer(args.spawn);
-    let run = |connected: Connected<'_>| run(connected, run_id, recording);
+    let run = |connected: Connected<'_>| {
+        // A controller that does not say what it takes for the state gets no such message.
+        if let Some(estimator) = connected.link.peer().and_then(|peer| peer.estimator) {
+            recording.law(estimator, scenario.stale_limit_ns, false);
+        }
+        run(connected, run_id, recording)
+    };
     connect_and_run(params, &connect, stop, on_event, run).map_err(mark_misuse)
 }
 

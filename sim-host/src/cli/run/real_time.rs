@@ -98,6 +98,7 @@ fn in_process(
     let policy = blob.policy().map_err(misuse)?;
     warn_of_other_leg(&policy, scenario);
     recording.policy(blob.as_slice(), &policy);
+    recording.law(scenario.estimator.unwrap_or_default(), scenario.stale_limit_ns, false);
     let config = controller_config(scenario)?;
     let RealTime { clock, controller_cpu, .. } = &args.real_time;
     let controller_clock = RealTimeArgs { cpu: *controller_cpu, live: false, ..clock.clone() };

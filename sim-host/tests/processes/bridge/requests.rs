@@ -3,7 +3,7 @@
 use std::os::unix::net::UnixListener;
 use std::path::Path;
 
-use leg_control::serial::message::{Mode, Request};
+use leg_control::serial::message::{Mode, Request, SessionParams};
 use leg_host::serial::Endpoint;
 use leg_host::serial::client::{Client, IDENTIFY_TIMEOUT};
 use leg_process::Stop;
@@ -62,7 +62,10 @@ fn uploads_and_rolls_back_a_policy_during_a_run() {
     let mut client = Client::new(stream, &Stop::default());
     for request in [
         Request::SetMode(Mode::Idle),
-        Request::Reset { session: 1, rate_hz: 1000, gravity_m_s2: 9.81 },
+        Request::Reset {
+            session: 1,
+            params: SessionParams { rate_hz: 1000, gravity_m_s2: 9.81, ..SessionParams::default() },
+        },
     ] {
         let refused = client.have_done(&request).unwrap_err().to_string();
         assert!(refused.contains("the run belongs to the program"), "{refused}");

@@ -1,0 +1,142 @@
+//! Replays a run in lock-step whose link had faults.
+//!
+//! The recorded samples are those of the leg, and a fault changed them on their way. Faults are
+//! the same for the same seed, so they are injected anew: the controller under replay receives
+//! what the recorded one received, and its commands arrive as they did.
+
+use std::cell::Cell;
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use leg_control::wire::{Command, Header, Sample};
+use leg_control::wire_controller::WireController;
+use leg_host::LegLink;
+use leg_host::memory::Inline;
+
+use super::compare::difference;
+use super::controller::{Continuity, SetPoints, Swap};
+use super::report::ReplayReport;
+use super::source::Answer;
+use crate::faults::stage::{FaultPlan, FaultyLink, SteppedLink};
+use crate::record::contents::Contents;
+use crate::record::read::ReadError;
+use crate::record::schema::AnyMessage;
+use crate::record::{config::LOCK_STEP, schema};
+use crate::scenario::{Scenario, Settings};
+
+/// The faults of a run that can be injected anew.
+pub(super) struct Faulted {
+    plan: FaultPlan,
+    /// Leg and controller stepped in turn in one thread.
+    stepped: bool,
+}
+
+impl Faulted {
+    /// Returns the faults of a recording; `None` if it has none, or they depend on time.
+    pub(super) fn of(contents: &Contents) -> Result<Option<Self>, ReadError> {
+        let schema::Config { time_mode, scenario_toml, .. } = contents.config()?;
+        let Some(law) = contents.laws.first().filter(|_| time_mode == LOCK_STEP) else {
+            return Ok(None);
+        };
+        let settings = Settings::from_toml(scenario_toml).ok();
+        let scenario = settings.and_then(|settings| Scenario::from_settings(&settings).ok());
+        let plan = scenario.map(|scenario| scenario.faults.plan()).filter(|plan| !plan.is_empty());
+        Ok(plan.map(|plan| Self { plan, stepped: law.stepped }))
+    }
+
+    /// Plays the recorded samples to `controller` and compares its commands, of another policy if
+    /// `is_other`.
+    pub(super) fn follow<'a>(
+        self,
+        contents: &Contents,
+        mut controller: WireController<'a>,
+        mut swaps: VecDeque<Swap<'a>>,
+        set_points: &SetPoints,
+        is_other: bool,
+        report: &mut ReplayReport,
+    ) -> Result<(), ReadError> {
+        let tick = Cell::new((0, 0));
+        let unknown = Cell::new(None);
+        let mut last = Header::default();
+        let law = |sample: Option<&Sample>| {
+            while let Some(swap) = swaps.pop_front_if(|swap| swap.at <= tick.get()) {
+                match swap.policy {
+                    Some(policy) => controller.swap(policy),
+                    None => unknown.set(unknown.get().or(Some(swap.at.1))),
+                }
+            }
+            let command = set_points.tick(&mut controller, sample, &last);
+            last = sample.map_or(last, |sample| sample.header);
+            command
+        };
+        let (tick, unknown) = (&tick, &unknown);
+        if self.stepped {
+            let mut link = SteppedLink::new(law, self.plan);
+            play(contents, &mut link, tick, unknown, is_other, report)
+        } else {
+            let mut law = law;
+            let inline = Inline::new(move |sample: &Sample| law(Some(sample)));
+            let mut link = FaultyLink::at_leg(inline, self.plan).in_lock_step();
+            play(contents, &mut link, tick, unknown, is_other, report)
+        }
+    }
+}
+
+/// Sends each recorded sample and compares the command that comes back with the recorded one.
+fn play(
+    contents: &Contents,
+    link: &mut impl LegLink,
+    tick: &Cell<(u32, u64)>,
+    unknown_policy: &Cell<Option<u64>>,
+    is_other: bool,
+    report: &mut ReplayReport,
+) -> Result<(), ReadError> {
+    let mut messages = contents.messages()?;
+    let mut sample: Option<Sample> = None;
+    let mut next = 0;
+    while let Some(message) = messages.next_message()? {
+        let recorded = match message {
+            AnyMessage::Sample(recorded) => {
+                sample = Some((&recorded).into());
+                continue;
+            }
+            AnyMessage::Command(recorded) => recorded,
+            _ => continue,
+        };
+        let seq = recorded.tick;
+        let Some(sample) = sample.take().filter(|s| s.header.seq == seq && seq == next) else {
+            report.stop(format!(
+                "ticks {next} to {seq} are not all in the recording; the faults and the \
+                 controller's state after them are unknown"
+            ));
+            break;
+        };
+        next += 1;
+        tick.set((sample.header.run_id, seq));
+        // Within a thread neither call fails.
+        let sent = link.send(&sample);
+        let replayed = sent.and_then(|()| link.receive(Duration::ZERO)).unwrap_or(None);
+        if let Some(seq) = unknown_policy.get() {
+            report.stop(format!(
+                "at tick {seq} the controller received a policy that the recording does not contain"
+            ));
+            break;
+        }
+        if !recorded.is_new {
+            report.unanswered += 1;
+            continue;
+        }
+        let command = Command::from(&recorded);
+        let answer = Answer { sample, unanswered: Vec::new(), command, gap: None };
+        let replayed = replayed.unwrap_or_default();
+        match difference(&command, &replayed) {
+            _ if is_other => report.add_other(&answer, &replayed),
+            None => report.add_same(&answer, Continuity::Continued),
+            Some(difference) => {
+                report.add_different(&answer, difference);
+                break;
+            }
+        }
+    }
+    Ok(())
+}
