@@ -55,6 +55,7 @@ fn main() {
     let options = LoopOptions {
         role: Role::Leg,
         rate_hz: args.rate,
+        stale_limit_ns: leg_control::guard::SAFE_AFTER_NS,
         spin: Duration::from_micros(args.spin),
         privileges: Privileges { priority: args.rt_priority, cpu: args.cpu },
         live: false,

@@ -43,7 +43,7 @@ enum Command {
     /// Play a scenario with a controller, in lock-step or in real time.
     Run(Box<run::Args>),
     /// Run the controller, like the `controller` program.
-    Controller(leg_host::cli::Call),
+    Controller(Box<leg_host::cli::Call>),
     /// Connect a flashed controller on a serial line as the controller.
     Bridge(Box<bridge::Args>),
     /// Watch a running leg in the terminal, and operate it.

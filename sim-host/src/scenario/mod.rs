@@ -18,7 +18,7 @@ use leg_control::leg::LegModel;
 use leg_control::serial::message::Estimator;
 use leg_control::serial::node;
 use leg_host::SessionParams;
-use leg_host::law::{self, LawError, LawSettings};
+use leg_host::law::{self, Channels, LawError, LawSettings};
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::{Rng, SeedableRng};
 
@@ -26,7 +26,7 @@ pub use profile::{Profile, SetPointCursor, SetPointStep, SetPoints};
 pub use settings::{DensitySense, LegPreset, MediumPreset, Points, Settings, StartSettings, Steps};
 
 use crate::faults::{self, Faults};
-use crate::sensors::{Figures, SensorProfile, SensorSetting};
+use crate::sensors::{Figures, Sensor, SensorProfile, SensorSetting};
 use leg_plant::{Body, Ground, Leg, Medium, TickPlant};
 
 /// [`BadValue::key`] of the settings of the control law.
@@ -128,7 +128,19 @@ impl Scenario {
             .with_gravity(self.controller_gravity_m_s2())
             .with_leg(&self.leg_model())
             .with_stale_limit(self.stale_limit_ns);
-        SessionParams { estimator: self.estimator, ..params }
+        SessionParams { estimator: self.estimator, channels: self.channels(), ..params }
+    }
+
+    /// Returns what the leg senses, of what an estimator can need.
+    #[must_use]
+    pub fn channels(&self) -> Channels {
+        let has = |sensor| self.sensors.has(sensor);
+        Channels {
+            state: has(Sensor::State),
+            inertial: [Sensor::Accelerometer, Sensor::LegLength, Sensor::LegAngle]
+                .into_iter()
+                .all(has),
+        }
     }
 
     /// Returns the configuration of a controller for this scenario.

@@ -48,7 +48,7 @@ pub fn missing_peer(missing: &MissingPeer) -> String {
     let stale_limit = if stale_limit_ns == SAFE_AFTER_NS {
         String::new()
     } else {
-        format!(" --stale-limit {}", 1e-6 * stale_limit_ns as f64)
+        format!(" --stale-limit {}", stale_limit_ns as f64 / 1e6)
     };
     format!(
         "start one with `{} --domain {domain} --rate {rate_hz} --gravity \
@@ -78,7 +78,7 @@ pub fn connect_error(error: &ConnectError) -> Option<String> {
                     .to_owned(),
             ),
             Parameter::Channels => Some(
-                "choose an --estimator that needs no more, or a leg with these sensors".to_owned(),
+                "choose an --estimator that needs no more, or --sensors that have them".to_owned(),
             ),
         },
         ConnectError::Domain(error) => domain_error(error),

@@ -25,7 +25,9 @@ impl RunServer {
         }
         let once = self.once;
         let exit_on = if once { ExitOn::EndOfRun } else { ExitOn::StopSignal };
+        let stale_limit_ns = args.law.stale_limit_ns()?;
         let options = args.real_time.options(Role::Controller, args.rate, figures);
+        let options = realtime::LoopOptions { stale_limit_ns, ..options };
         let manifest: Option<Manifest<'static>> =
             self.node.controller().map(|controller| controller.policy().manifest().clone());
         let server = &self.server;

@@ -1,5 +1,6 @@
 //! Command-line options of a real-time loop, shared by `controller` and `sim-host`.
 
+use leg_control::guard::SAFE_AFTER_NS;
 use std::ffi::OsString;
 use std::time::Duration;
 
@@ -80,12 +81,13 @@ impl RealTimeArgs {
         arguments
     }
 
-    /// Returns the options of the loop of `role`.
+    /// Returns the options of the loop of `role`, with the usual stale limit.
     #[must_use]
     pub fn options(&self, role: Role, rate_hz: u32, latest_report: LatestReport) -> LoopOptions {
         LoopOptions {
             role,
             rate_hz,
+            stale_limit_ns: SAFE_AFTER_NS,
             spin: Duration::from_micros(self.spin.into()),
             privileges: Privileges { priority: self.rt_priority, cpu: self.cpu },
             live: self.live,

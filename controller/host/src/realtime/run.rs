@@ -148,6 +148,8 @@ pub struct LoopOptions {
     pub role: Role,
     /// Tick rate, Hz.
     pub rate_hz: u32,
+    /// Age from which on a message of the peer counts for nothing, ns.
+    pub stale_limit_ns: u64,
     /// How long to spin before each tick.
     pub spin: Duration,
     /// Scheduling and memory privileges to acquire.
@@ -190,6 +192,7 @@ pub fn run<T: Task>(
     let (mut stats, records) = StatsWriter::new(rate_hz);
     let stats_thread =
         StatsThread::new(role, rate_hz, records, options.latest_report.clone(), options.live)
+            .with_stale_limit(options.stale_limit_ns)
             .with_observer(options.observer.clone());
     let over = AtomicBool::new(false);
     thread::scope(|scope| {

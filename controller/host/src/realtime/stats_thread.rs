@@ -94,6 +94,12 @@ impl StatsThread {
         }
     }
 
+    /// Returns the same work for a peer whose messages count for nothing from this age on, ns.
+    #[must_use]
+    pub fn with_stale_limit(self, stale_limit_ns: u64) -> Self {
+        Self { transitions: self.transitions.with_stale_limit(stale_limit_ns), ..self }
+    }
+
     /// Returns the same work with an observer of every record.
     #[must_use]
     pub fn with_observer(self, observer: Option<TickObserver>) -> Self {

@@ -1,6 +1,6 @@
 //! Messages about changes of the peer and of the safe state.
 
-use leg_control::guard::safe_after_ticks;
+use leg_control::guard::{safe_after_ticks, stale_after_ticks};
 
 use super::tick_stats::{RxStatus, TickStats};
 use crate::link::Role;
@@ -22,6 +22,7 @@ pub(super) struct Transitions {
     /// Silence after which the peer is reported as lost, ns: the same after which leg and
     /// controller use their safe command.
     lost_after_ns: u64,
+    tick_ns: u64,
     run_id: u32,
     /// When the last message of the peer arrived.
     received_ns: Option<u64>,
@@ -40,6 +41,7 @@ impl Transitions {
         let tick_ns = 1_000_000_000 / u64::from(rate_hz.max(1));
         Self {
             role,
+            tick_ns,
             lost_after_ns: u64::from(safe_after_ticks(tick_ns)) * tick_ns,
             run_id: 0,
             received_ns: None,
@@ -48,6 +50,12 @@ impl Transitions {
             was_active: false,
             safe_since_ns: None,
         }
+    }
+
+    /// Returns the same for messages that count for nothing from this age on, ns.
+    pub(super) fn with_stale_limit(self, stale_limit_ns: u64) -> Self {
+        let ticks = stale_after_ticks(stale_limit_ns, self.tick_ns);
+        Self { lost_after_ns: u64::from(ticks) * self.tick_ns, ..self }
     }
 
     /// Processes the record of a tick. Returns the message about a change.

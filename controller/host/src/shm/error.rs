@@ -189,7 +189,7 @@ pub(super) fn disagreement(
     };
     let channels = (!senses.include(needs)).then_some([theirs.channels, ours.channels]);
     let [their_channels, our_channels] = channels.unwrap_or_default().map(|it| it.to_string());
-    let ms = |ns: u64| (1e-6 * ns as f64).to_string();
+    let ms = |ns: u64| (ns as f64 / 1e6).to_string();
     [
         (Parameter::WireVersion, text(&theirs.wire_version), text(&ours.wire_version)),
         (Parameter::Rate, text(&theirs.rate_hz), text(&ours.rate_hz)),

@@ -7,6 +7,7 @@ use leg_control::config::Config;
 use leg_control::policy::Policy;
 use leg_host::cli::{REPORT_AFTER, hint, other_leg};
 use leg_host::discovery::DomainError;
+use leg_host::law::Channels;
 use leg_host::realtime::{LatestReport, LoopReport};
 use leg_host::reconnect::LinkEvent;
 use leg_host::shm::ConnectError;
@@ -27,6 +28,14 @@ use crate::session::{Ending, Outcome};
 
 /// Returns the configuration of a scenario's controller.
 pub(super) fn controller_config(scenario: &Scenario) -> anyhow::Result<Config> {
+    let (senses, needs) =
+        (scenario.channels(), Channels::needed_by(scenario.estimator.unwrap_or_default()));
+    if !senses.include(needs) {
+        return Err(misuse(format!(
+            "the estimator of the controller needs {needs}, but the leg senses {senses}; choose \
+             an --estimator that needs no more, or --sensors that have them"
+        )));
+    }
     scenario.controller_config().map_err(misuse)
 }
 

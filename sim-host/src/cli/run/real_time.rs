@@ -55,12 +55,13 @@ pub(super) fn main(
 /// Returns the options of the leg's loop.
 fn loop_options(
     args: &RealTime,
-    rate_hz: u32,
+    scenario: &Scenario,
     latest: LatestReport,
     recording: &Recording,
 ) -> LoopOptions {
+    let &Scenario { rate_hz, stale_limit_ns, .. } = scenario;
     let observer = recording.tick_observer();
-    LoopOptions { observer, ..args.clock.options(Role::Leg, rate_hz, latest) }
+    LoopOptions { observer, stale_limit_ns, ..args.clock.options(Role::Leg, rate_hz, latest) }
 }
 
 fn two_processes(
@@ -81,7 +82,7 @@ fn two_processes(
         let timing = Some(shared.clone());
         let operated = operated(&args.domain(), scenario.rate_hz, TimeMode::RealTime, stop, timing);
         let options = args.real_time.session_options(run_id);
-        let of_loop = loop_options(&args.real_time, scenario.rate_hz, shared, recording);
+        let of_loop = loop_options(&args.real_time, scenario, shared, recording);
         let mut hooks = (recording, operated);
         Ok(real_time::run(scenario, &mut link, options, &of_loop, stop, supervise, &mut hooks))
     })
@@ -104,6 +105,8 @@ fn in_process(
     let controller_clock = RealTimeArgs { cpu: *controller_cpu, live: false, ..clock.clone() };
     let controller_options =
         controller_clock.options(Role::Controller, scenario.rate_hz, LatestReport::default());
+    let stale_limit_ns = scenario.stale_limit_ns;
+    let controller_options = LoopOptions { stale_limit_ns, ..controller_options };
     let run_id = Options::default().run_id;
     let (mut link, controllers_end) = memory::pair();
     let (played, served) = std::thread::scope(|scope| {
@@ -113,8 +116,7 @@ fn in_process(
             realtime::serve(controllers_end, &mut control, ExitOn::EndOfRun, options, stop, || ())
         });
         let options = args.real_time.session_options(run_id);
-        let of_loop =
-            loop_options(&args.real_time, scenario.rate_hz, LatestReport::default(), recording);
+        let of_loop = loop_options(&args.real_time, scenario, LatestReport::default(), recording);
         let played = real_time::run(scenario, &mut link, options, &of_loop, stop, || (), recording);
         // If the run ended early, the controller sees by this that its leg has left.
         drop(link);

@@ -24,7 +24,7 @@ use crate::place::{Place, text};
 
 /// A disturbance of a board.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Disturbance {
+pub(crate) enum Disturbance {
     /// The line is unplugged and plugged in again; the board keeps running.
     Unplug,
     /// The board is reset; the line stays open.
@@ -47,7 +47,7 @@ enum Carrier {
 }
 
 /// A board behind a socket or a terminal, with disturbances.
-pub(super) struct Board {
+pub(crate) struct Board {
     pub(super) path: PathBuf,
     option: &'static str,
     on: Arc<AtomicBool>,
@@ -57,7 +57,7 @@ pub(super) struct Board {
 impl Board {
     /// Starts a board behind a socket with the place's policy in slot A. Each disturbance
     /// comes after this many reads from the line since the one before, about one message each.
-    pub(super) fn new(place: &Place, disturbances: &[(u64, Disturbance)]) -> Self {
+    pub(crate) fn new(place: &Place, disturbances: &[(u64, Disturbance)]) -> Self {
         let path = place.file("board");
         let listener = UnixListener::bind(&path).unwrap();
         listener.set_nonblocking(true).unwrap();

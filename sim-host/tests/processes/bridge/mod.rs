@@ -15,7 +15,8 @@ use serde_json::Value;
 
 use super::ENDLESS;
 use super::place::{Ended, Place, Running};
-use board::{Board, Disturbance};
+pub(super) use board::Board;
+use board::Disturbance;
 
 const TICKS: u64 = 10_000;
 const RUN: [&str; 6] = ["--duration", "10", "--start-vx", "0.2", "--timeout", "30"];
@@ -25,7 +26,7 @@ fn options(place: &Place) -> [&str; 4] {
     ["--domain", place.domain(), "--timeout", "30"]
 }
 
-fn bridge(place: &Place, board: &Board, arguments: &[&str]) -> Running {
+pub(super) fn bridge(place: &Place, board: &Board, arguments: &[&str]) -> Running {
     place.start("bridge", &[&board.option()[..], &["--json"], &options(place), arguments].concat())
 }
 
