@@ -27,7 +27,7 @@
 //!   too long. Any other deadline miss was caused by the machine.
 //! - A tick in a run without a message newer than the last one is *stale*. The leg
 //!   keeps the command in force, and the controller extrapolates. After
-//!   [`SAFE_AFTER_NS`](leg_control::guard::SAFE_AFTER_NS) of silence both use their
+//!   [`LoopOptions::stale_limit_ns`] of silence both use their
 //!   safe command until the peer sends again.
 
 pub mod args;
