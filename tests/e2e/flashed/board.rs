@@ -54,6 +54,8 @@ pub(crate) fn skips() -> bool {
 pub(crate) struct Flashed {
     pub(crate) client: Client,
     pub(crate) emulator: Emulator,
+    /// What a reset sets.
+    pub(crate) params: SessionParams,
     seq: u32,
     _folder: TempDir,
 }
@@ -75,7 +77,12 @@ impl Flashed {
         let endpoint = Endpoint::Unix(emulator.uart().to_owned());
         let stream = line(endpoint.open().expect("the UART's socket"));
         let client = Client::new(stream, &Stop::default());
-        let mut flashed = Self { client, emulator, seq: 0, _folder: folder };
+        let params = SessionParams {
+            rate_hz: RATE_HZ,
+            gravity_m_s2: GRAVITY_M_S2,
+            ..SessionParams::default()
+        };
+        let mut flashed = Self { client, emulator, params, seq: 0, _folder: folder };
         flashed.client.identify(IDENTIFY_TIMEOUT).expect("an answer");
         flashed
     }
@@ -87,14 +94,7 @@ impl Flashed {
 
     /// As [`Self::reset`], with this session number.
     pub(crate) fn begin(&mut self, session: u32, mode: Mode) {
-        let reset = Request::Reset {
-            session,
-            params: SessionParams {
-                rate_hz: RATE_HZ,
-                gravity_m_s2: GRAVITY_M_S2,
-                ..SessionParams::default()
-            },
-        };
+        let reset = Request::Reset { session, params: self.params };
         self.client.have_done(&reset).expect("a reset");
         self.client.have_done(&Request::SetMode(mode)).expect("a mode");
     }

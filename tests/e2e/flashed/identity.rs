@@ -5,9 +5,10 @@ use std::time::Duration;
 
 use leg_control::config::Config;
 use leg_control::policy::{Policy, SHIPPED};
-use leg_control::serial::message::{Mode, Request};
+use leg_control::serial::message::{Estimator, Mode, Request, RequestError, SessionParams};
 use leg_control::wire::{Command, Sample};
 use leg_control::wire_controller::WireController;
+use leg_host::serial::client::{ClientError, IDENTIFY_TIMEOUT};
 use leg_host::serial::upload::upload;
 use leg_host::{Link, LinkError};
 use rand::RngExt;
@@ -17,13 +18,14 @@ use sim_host::scenario::{Scenario, Settings};
 use sim_host::session::lock_step::{self, Options};
 
 use crate::bad_samples::BadSamples;
-use crate::board::{Flashed, GRAVITY_M_S2, RATE_HZ, shipped, skips, ticks};
+use crate::board::{Flashed, RATE_HZ, image, shipped, skips, ticks};
 use crate::policies::sibling;
 
 /// A leg's link to two controllers at once: one in this process, and the flashed one.
 struct HostAndFirmware<'f> {
     flashed: &'f mut Flashed,
     host: WireController<'static>,
+    config: Config,
     policies: [&'static [u8]; 2],
     /// Index of the one uploaded last.
     current: usize,
@@ -33,6 +35,9 @@ struct HostAndFirmware<'f> {
     reply: Option<Command>,
     counts: Counts,
 }
+
+/// Ticks with the estimator; `cargo xtask soak` plays 100,000.
+const ESTIMATED_TICKS: u64 = 8_000;
 
 /// Counts of what the test has covered.
 #[derive(Clone, Copy, Debug, Default)]
@@ -45,10 +50,6 @@ struct Counts {
     apexes: u64,
 }
 
-fn config() -> Config {
-    Config::at_rate(RATE_HZ).unwrap().with_gravity(GRAVITY_M_S2).unwrap()
-}
-
 fn policy(blob: &'static [u8]) -> Policy<'static> {
     Policy::parse(blob).expect("a policy")
 }
@@ -56,9 +57,11 @@ fn policy(blob: &'static [u8]) -> Policy<'static> {
 impl<'f> HostAndFirmware<'f> {
     fn new(flashed: &'f mut Flashed, seed: u64) -> Self {
         flashed.reset(Mode::LockStep);
+        let config = flashed.params.config().expect("valid parameters");
         Self {
             flashed,
-            host: WireController::new(policy(SHIPPED), config()),
+            host: WireController::new(policy(SHIPPED), config),
+            config,
             policies: [SHIPPED, sibling()],
             current: 0,
             set_point_m_s: None,
@@ -92,7 +95,7 @@ impl<'f> HostAndFirmware<'f> {
 
     fn reset(&mut self) {
         self.flashed.reset(Mode::LockStep);
-        self.host = WireController::new(policy(self.policies[self.current]), config());
+        self.host = WireController::new(policy(self.policies[self.current]), self.config);
         self.set_point_m_s = None;
         self.counts.resets += 1;
     }
@@ -144,8 +147,12 @@ impl Link for HostAndFirmware<'_> {
 
 /// Returns the shore scenario, shortened so that the run reaches the land.
 fn scenario(run: u64, left: u64) -> Scenario {
+    Scenario::from_settings(&settings(run, left)).expect("a scenario")
+}
+
+fn settings(run: u64, left: u64) -> Settings {
     let start = sim_host::scenario::StartSettings { x_m: Some(3.0), ..Default::default() };
-    let settings = Settings {
+    Settings {
         density_profile: Some(vec![[6.0, 1.0], [9.0, 0.0]]),
         set_point_m_s: Some(0.5),
         duration_s: Some(left.min(40_000) as f64 / f64::from(RATE_HZ)),
@@ -157,18 +164,12 @@ fn scenario(run: u64, left: u64) -> Scenario {
             sim_host::scenario::DensitySense::Measured
         }),
         ..Settings::default()
-    };
-    Scenario::from_settings(&settings).expect("a scenario")
+    }
 }
 
-#[test]
-fn host_and_firmware_give_the_same_commands_bit_for_bit() {
-    if skips() {
-        return;
-    }
-    let wanted = ticks(12_000);
-    let mut flashed = Flashed::start(Some(&shipped()));
-    let mut both = HostAndFirmware::new(&mut flashed, 1);
+/// Plays runs until a controller has had so many ticks, and compares it with the flashed one.
+fn compare(flashed: &mut Flashed, wanted: u64, scenario: impl Fn(u64, u64) -> Scenario) -> Counts {
+    let mut both = HostAndFirmware::new(flashed, 1);
     let mut run = 0;
     while both.counts.ticks < wanted {
         run += 1;
@@ -182,4 +183,94 @@ fn host_and_firmware_give_the_same_commands_bit_for_bit() {
     assert!(counts.bad > wanted / 100, "{counts:?}");
     assert!(counts.apexes >= wanted / 2_000, "{counts:?}");
     assert!(counts.resets >= 1 && counts.swaps >= 1 && counts.set_points >= 1, "{counts:?}");
+    counts
+}
+
+#[test]
+fn host_and_firmware_give_the_same_commands_bit_for_bit() {
+    if skips() {
+        return;
+    }
+    compare(&mut Flashed::start(Some(&shipped())), ticks(12_000), scenario);
+}
+
+/// Noisy, late and lost readings, and all other sensors beside them.
+const HARSH: &str = r#"
+sensors = "trained-with"
+
+[sensor]
+accelerometer-rate = 1600
+leg-angle-rate = 1000
+gyro-rate = 1000
+pitch-rate = 100
+velocity-rate = 10
+height-rate = 10
+pressure-rate = 50
+
+[[fault]]
+noise = 0.3
+
+[[fault]]
+noise = 0.02
+field = "contact"
+
+[[fault]]
+jitter = 5
+
+[[fault]]
+drop = 0.1
+
+[[fault]]
+duplicate = 0.02
+
+[[fault]]
+reorder = 0.02
+
+[[fault]]
+corrupt = 0.02
+bits = 2
+
+[[fault]]
+freeze = 30
+
+[[fault]]
+stuck = 20
+field = "y"
+
+[[fault]]
+nan = 0.02
+"#;
+
+#[test]
+fn with_the_estimator_they_do_so_under_faults_of_every_kind() {
+    if skips() {
+        return;
+    }
+    let mut flashed = Flashed::start_image(&image("estimator"), Some(&shipped()), |stream| stream);
+    flashed.params.stale_limit_ns = 60_000_000;
+    flashed.params.estimator =
+        Estimator::State { velocity_m_s: 0.02, height_m: 0.01, leg_length_m: 0.002 };
+    let harsh = Settings::from_toml(HARSH).expect("valid settings");
+    compare(&mut flashed, ticks(ESTIMATED_TICKS), |run, left| {
+        let base = Settings { seed: Some(run), ..harsh.clone() };
+        let mut scenario = Scenario::from_settings(&settings(run, left).over(base)).unwrap();
+        // The leg holds commands as long.
+        scenario.stale_limit_ns = 60_000_000;
+        scenario
+    });
+}
+
+#[test]
+fn firmware_without_the_estimator_refuses_it_by_name() {
+    if skips() {
+        return;
+    }
+    let mut flashed = Flashed::start(Some(&shipped()));
+    let estimator = Estimator::State { velocity_m_s: 0.1, height_m: 0.1, leg_length_m: 0.1 };
+    let params = SessionParams { estimator, ..flashed.params };
+    let refused = flashed.client.have_done(&Request::Reset { session: 3, params }).unwrap_err();
+    assert!(matches!(refused, ClientError::Refused(RequestError::NoEstimator)), "{refused}");
+    assert!(refused.to_string().contains("flash firmware built with the feature `estimator`"));
+    // Nothing has changed.
+    assert_eq!(flashed.client.identify(IDENTIFY_TIMEOUT).unwrap().session, None);
 }

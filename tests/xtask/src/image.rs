@@ -6,16 +6,18 @@ use harness::board::{BOARDS, Board};
 /// Builds the image of each board and searches it for functions that panic.
 pub(crate) fn run() -> Result<()> {
     for board in BOARDS {
-        check(board)?;
-        println!("{}: cannot panic", board.name);
+        for features in ["", "estimator"] {
+            check(board, features)?;
+        }
+        println!("{}: cannot panic, with the estimator or without", board.name);
     }
     Ok(())
 }
 
 /// Fails if the image contains functions that panic, and names them: the firmware or the
 /// control law can reach them.
-fn check(board: Board) -> Result<()> {
-    let image = board.build()?;
+fn check(board: Board, features: &str) -> Result<()> {
+    let image = board.build_with(features)?;
     let ways = image.ways_to_panic()?;
     ensure!(
         ways.is_empty(),
