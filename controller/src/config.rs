@@ -1,7 +1,7 @@
 //! How the control law is run: rate, gravity, limits, and what it takes for the state.
 
 #[cfg(feature = "estimator")]
-use crate::estimator::StateNoise;
+use crate::estimator::{SensorNoise, StateNoise};
 use crate::guard::{Limits, SAFE_AFTER_NS};
 
 /// Lowest and highest control rate, Hz.
@@ -44,6 +44,11 @@ pub enum Estimation {
     /// of the apex, so that the command is there in time over a slow link.
     #[cfg(feature = "estimator")]
     StateChannels(StateNoise),
+    /// An estimate from accelerometer, encoders of the leg and contact
+    /// ([`Sensors`](crate::measurement::Sensors)), of a leg that senses neither velocity nor
+    /// height.
+    #[cfg(feature = "estimator")]
+    Inertial(SensorNoise),
 }
 
 /// Why a configuration is refused.
@@ -57,7 +62,8 @@ pub enum ConfigError {
     Gravity(f32),
     /// The stale limit, ns, is outside [`STALE_LIMIT_NS`].
     StaleLimit(u64),
-    /// A stated deviation of the noise is out of range; see [`StateNoise::is_valid`].
+    /// A stated deviation of the noise is out of range; see [`StateNoise::is_valid`] and
+    /// [`SensorNoise::is_valid`].
     Noise,
     /// This build has no state estimator: the feature `estimator` is off.
     NoEstimator,
@@ -81,10 +87,11 @@ impl core::fmt::Display for ConfigError {
                 STALE_LIMIT_NS.start(),
                 STALE_LIMIT_NS.end()
             ),
-            Self::Noise => {
-                f.write_str("noise of the readings: each standard deviation must be 1e-4 to 1e3")
-            }
             Self::NoEstimator => f.write_str("this controller was built without a state estimator"),
+            Self::Noise => f.write_str(
+                "noise of the readings: each standard deviation must be 1e-4 to 1e3, each figure \
+                 of a raw sensor 1e-6 to 1e5",
+            ),
             Self::Limits => f.write_str(
                 "limits: each range must be finite, not empty and within 1e6, heights 0 or more, \
                  and the longest gap from 1 ns to 1 s",
@@ -171,6 +178,8 @@ impl Config {
         match estimation {
             #[cfg(feature = "estimator")]
             Estimation::StateChannels(noise) if !noise.is_valid() => Err(ConfigError::Noise),
+            #[cfg(feature = "estimator")]
+            Estimation::Inertial(noise) if !noise.is_valid() => Err(ConfigError::Noise),
             _ => Ok(Self { estimation, ..self }),
         }
     }

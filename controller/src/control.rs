@@ -162,6 +162,8 @@ impl<'a> Controller<'a> {
             Estimation::Readings => self.limits().check(measurement),
             #[cfg(feature = "estimator")]
             Estimation::StateChannels(_) => self.limits().check_channels(measurement),
+            #[cfg(feature = "estimator")]
+            Estimation::Inertial(_) => self.limits().check_sensors(measurement),
         }
     }
 

@@ -100,6 +100,8 @@ pub struct Gait {
     landed_ns: Option<u64>,
     /// The motion is that of an estimator.
     is_estimated: bool,
+    /// The ramp of the elongation is armed for the touchdown that is predicted.
+    touchdown_is_foreseen: bool,
 }
 
 /// What an estimator says at a measurement: velocities, m/s, height, m, and the vertical
@@ -116,6 +118,8 @@ pub(crate) struct Followed {
     pub(crate) edge: Option<Edge>,
     /// A touchdown that is suspected, not proven.
     pub(crate) suspected: Option<Edge>,
+    /// Whether the touchdown is foreseen so well that the ramp may be armed for it.
+    pub(crate) touchdown_is_foreseen: bool,
 }
 
 impl Gait {
@@ -132,6 +136,7 @@ impl Gait {
             time_to_touchdown_s: None,
             landed_ns: None,
             is_estimated: false,
+            touchdown_is_foreseen: true,
         }
     }
 
@@ -185,7 +190,8 @@ impl Gait {
     /// Takes what an estimator says at a measurement, in place of [`Self::update`].
     #[cfg(feature = "estimator")]
     pub(crate) fn follow(&mut self, followed: &Followed) {
-        let &Followed { t_ns, vx_m_s, y_m, vy_m_s, ay_m_s2, edge, suspected } = followed;
+        let &Followed { t_ns, vx_m_s, y_m, vy_m_s, ay_m_s2, edge, suspected, .. } = followed;
+        self.touchdown_is_foreseen = followed.touchdown_is_foreseen;
         let now = Motion { t_ns, vx_m_s, y_m, vy_m_s };
         let before = self.now.replace(now);
         self.vertical_accel_m_s2 = ay_m_s2;
@@ -299,16 +305,25 @@ impl Gait {
             Contact::Sensed(is_loaded) => return is_loaded,
             Contact::LegLength(length_m) => length_m,
         };
+        length_m < self.rest_m(measurement.t_ns) - tolerance_m
+    }
+
+    /// Returns the rest length of the unextended leg, m.
+    #[cfg(feature = "estimator")]
+    pub(crate) fn rest_length_m(&self) -> f32 {
+        self.rest_length_m
+    }
+
+    /// Returns the rest length of the leg with its elongation at a time, m.
+    pub(crate) fn rest_m(&self, t_ns: u64) -> f32 {
         let elongation_m = match self.phase {
             Phase::Flight => 0.0,
             Phase::Stance { touchdown_ns, elongation_speed_m_s, .. } => {
-                let since_s = seconds_between(touchdown_ns, measurement.t_ns);
-                let grown_m = elongation_speed_m_s * since_s;
+                let grown_m = elongation_speed_m_s * seconds_between(touchdown_ns, t_ns);
                 if grown_m < self.max_elongation_m { grown_m } else { self.max_elongation_m }
             }
         };
-        let rest_m = self.rest_length_m + elongation_m;
-        length_m < rest_m - tolerance_m
+        self.rest_length_m + elongation_m
     }
 
     fn touch_down(&mut self, now: Motion, before: Option<Motion>) {
@@ -352,7 +367,7 @@ impl Gait {
     /// over a slow link.
     fn predict_touchdown(&self, now: Motion, touchdown_y_m: f32) -> Option<f32> {
         let rises = now.vy_m_s > 0.0;
-        if rises && !self.is_estimated {
+        if (rises && !self.is_estimated) || !self.touchdown_is_foreseen {
             return None;
         }
         let h = now.y_m - touchdown_y_m;

@@ -12,6 +12,8 @@
 //! Without an estimator one bad reading rejects its measurement ([`Limits::check`]); with
 //! one, only the reading ([`Limits::check_channels`]).
 
+#[cfg(feature = "estimator")]
+use crate::measurement::{Aged, LegPosture, Sensors};
 use crate::measurement::{Contact, Measurement};
 
 /// Default of the stale limit, ns: the time without a usable measurement after which the
@@ -135,8 +137,67 @@ impl Limits {
             .with(
                 Channels::DENSITY,
                 density_ratio.is_none_or(|rho| within(rho, self.density_ratio)),
-            );
+            )
+            .union(Channels::RAW);
         if usable.has_any_of(Channels::MOTION) {
+            Ok(InRange(measurement, usable))
+        } else {
+            Err(reason(measurement))
+        }
+    }
+
+    /// Checks the readings of sensors one by one, for an estimator that does without those
+    /// that are not usable. One that is not there counts as usable.
+    ///
+    /// # Errors
+    /// [`Reject::NonFinite`] or [`Reject::OutOfRange`] where neither acceleration nor posture
+    /// of the leg is usable.
+    #[cfg(feature = "estimator")]
+    #[inline]
+    pub fn check_sensors<'m>(&self, measurement: &'m Measurement) -> Result<InRange<'m>, Reject> {
+        let &Measurement { contact, density_ratio, ref sensors, .. } = measurement;
+        let &Sensors { impulse, pitch_rad, pitch_rate_rad_s, posture, .. } = sensors;
+        let &Sensors { velocity_m_s, height_m, pressure_pa, .. } = sensors;
+        let within = |x: f32, [low, high]: [f32; 2]| low <= x && x <= high;
+        let up_to = |x: f32, most: f32| x.abs() <= most;
+        let is_posture = |LegPosture { length_m, angle_rad }| {
+            within(length_m, self.leg_length_m) && within(angle_rad, [0.0, core::f32::consts::PI])
+        };
+        let usable = Channels::MOTION
+            .with(
+                Channels::CONTACT,
+                match contact {
+                    Contact::Sensed(_) => true,
+                    Contact::LegLength(length_m) => within(length_m, self.leg_length_m),
+                },
+            )
+            .with(
+                Channels::DENSITY,
+                density_ratio.is_none_or(|rho| within(rho, self.density_ratio)),
+            )
+            .with(Channels::IMPULSE, true)
+            .with(Channels::PITCH, pitch_rad.is_none_or(|pitch| up_to(pitch, MAX_PITCH_RAD)))
+            .with(
+                Channels::PITCH_RATE,
+                pitch_rate_rad_s.is_none_or(|rate| up_to(rate, MAX_PITCH_RATE_RAD_S)),
+            )
+            .with(Channels::POSTURE, posture.is_none_or(is_posture))
+            .with(
+                Channels::VELOCITY,
+                velocity_m_s.is_none_or(|Aged { value: [x, y], .. }| {
+                    up_to(x, self.max_speed_m_s) && up_to(y, self.max_speed_m_s)
+                }),
+            )
+            .with(
+                Channels::HEIGHT,
+                height_m.is_none_or(|height| up_to(height.value, self.height_m[1])),
+            )
+            .with(
+                Channels::PRESSURE,
+                pressure_pa.is_none_or(|pressure| up_to(pressure.value, MAX_PRESSURE_PA)),
+            );
+        let has_posture = posture.is_some() && usable.has(Channels::POSTURE);
+        if impulse.is_some() || has_posture {
             Ok(InRange(measurement, usable))
         } else {
             Err(reason(measurement))
@@ -144,9 +205,19 @@ impl Limits {
     }
 }
 
+/// The largest pitch, rad: a quarter turn.
+#[cfg(feature = "estimator")]
+const MAX_PITCH_RAD: f32 = core::f32::consts::FRAC_PI_2;
+/// The largest rate of the pitch, rad/s.
+#[cfg(feature = "estimator")]
+const MAX_PITCH_RATE_RAD_S: f32 = 100.0;
+/// The largest pressure, Pa: that of the deepest sea.
+#[cfg(feature = "estimator")]
+const MAX_PRESSURE_PA: f32 = 2e8;
+
 /// A set of the readings of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Channels(u8);
+pub struct Channels(u16);
 
 impl Channels {
     /// No reading.
@@ -163,8 +234,24 @@ impl Channels {
     pub const DENSITY: Self = Self(1 << 4);
     /// Velocities and height.
     pub const MOTION: Self = Self((1 << 3) - 1);
+    /// The specific impulse.
+    pub const IMPULSE: Self = Self(1 << 5);
+    /// The orientation.
+    pub const PITCH: Self = Self(1 << 6);
+    /// The rate of the orientation.
+    pub const PITCH_RATE: Self = Self(1 << 7);
+    /// Length and angle of the leg.
+    pub const POSTURE: Self = Self(1 << 8);
+    /// The velocity over the ground.
+    pub const VELOCITY: Self = Self(1 << 9);
+    /// The height of an echo sounder.
+    pub const HEIGHT: Self = Self(1 << 10);
+    /// The pressure.
+    pub const PRESSURE: Self = Self(1 << 11);
+    /// Readings of raw sensors.
+    const RAW: Self = Self(((1 << 12) - 1) & !((1 << 5) - 1));
     /// Every reading.
-    pub const ALL: Self = Self((1 << 5) - 1);
+    pub const ALL: Self = Self((1 << 12) - 1);
 
     fn with(self, channel: Self, is_usable: bool) -> Self {
         if is_usable { self.union(channel) } else { self }
@@ -250,6 +337,8 @@ pub struct Counts {
     pub safe_entered: u32,
     /// Measurements of which only a part of the readings was used.
     pub used_in_part: u32,
+    /// Times that the estimate was lost: too uncertain, or in contradiction to the readings.
+    pub estimates_lost: u32,
     /// Ticks whose set-point was refused; they count as used all the same.
     pub set_points_refused: u32,
     /// Ticks that were rejected: the sum, at hand for every command.
@@ -288,6 +377,7 @@ impl Counts {
             gap: self.gap.saturating_add(other.gap),
             safe_entered: self.safe_entered.saturating_add(other.safe_entered),
             used_in_part: self.used_in_part.saturating_add(other.used_in_part),
+            estimates_lost: self.estimates_lost.saturating_add(other.estimates_lost),
             set_points_refused: self.set_points_refused.saturating_add(other.set_points_refused),
             rejected: self.rejected.saturating_add(other.rejected),
         }
@@ -407,6 +497,12 @@ impl Guard {
     pub fn begin_run(&mut self) {
         self.run_is_new = true;
         self.last_ns = None;
+    }
+
+    /// Counts an estimate that was lost.
+    #[cfg(feature = "estimator")]
+    pub(crate) fn count_lost_estimate(&mut self) {
+        self.counts.estimates_lost = self.counts.estimates_lost.saturating_add(1);
     }
 
     /// Counts a set-point that was refused.

@@ -10,11 +10,10 @@
 use super::Controller;
 use crate::actor::Observation;
 use crate::command::{LegCommand, Status, Telemetry};
-use crate::config::{Config, Estimation};
-use crate::estimator::{Estimate, Estimator, StateNoise};
-use crate::gait::{self, Apex, Followed};
+use crate::config::Config;
+use crate::estimator::{Estimate, Estimator, Events};
+use crate::gait::{Apex, Followed};
 use crate::guard::{Channels, Trusted};
-use crate::leg::LegModel;
 use crate::math::clamp;
 use crate::policy::Policy;
 use crate::velocity::{Cascade, gains_at};
@@ -23,15 +22,10 @@ use crate::velocity::{Cascade, gains_at};
 /// ns.
 const DECIDE_EVERY_NS: u64 = 20_000_000;
 
-/// Standard deviations of the leg length by which a loaded leg is shorter than at rest.
-const LOADED: f32 = 3.0;
-
 /// The estimator, and what is known of this hop.
 #[derive(Clone, Debug)]
 pub(super) struct Tracked {
     estimator: Estimator,
-    /// Shortening of the leg that counts as load, m, where no contact is sensed.
-    length_tolerance_m: f32,
     /// The cascade before this hop.
     cascade_before: Cascade,
     /// The apex of this hop, by the last computation of its action.
@@ -45,23 +39,14 @@ pub(super) struct Tracked {
 impl Tracked {
     /// Returns an estimator that knows nothing yet, where the configuration asks for one.
     pub(super) fn new(policy: &Policy<'_>, config: &Config) -> Option<Self> {
-        let Estimation::StateChannels(noise) = config.estimation() else { return None };
-        let leg = &policy.manifest().leg;
-        let (gravity, tick_ns) = (config.gravity_m_s2(), config.tick_ns());
         Some(Self {
-            estimator: Estimator::new(leg, gravity, tick_ns, config.stale_limit_ns(), noise),
-            length_tolerance_m: length_tolerance_m(leg, noise),
+            estimator: Estimator::new(&policy.manifest().leg, config)?,
             cascade_before: Cascade::new(),
             apex: None,
             has_passed: false,
             next_ns: 0,
         })
     }
-}
-
-/// Returns the shortening from which on a leg counts as loaded, m.
-fn length_tolerance_m(leg: &LegModel, noise: &StateNoise) -> f32 {
-    (LOADED * noise.leg_length_m).max(gait::LENGTH_TOLERANCE * leg.rest_length_m)
 }
 
 /// When an action is computed.
@@ -110,32 +95,36 @@ impl Controller<'_> {
     pub(super) fn advance_estimated(&mut self, measurement: Trusted<'_>) -> Status {
         let Some(tracked) = &mut self.tracked else { return Status::Safe };
         let (m, usable) = (measurement.measurement(), measurement.usable());
-        let is_loaded = usable
-            .has(Channels::CONTACT)
-            .then(|| self.gait.is_loaded(m, tracked.length_tolerance_m));
         let estimator = &mut tracked.estimator;
         let had_begun = estimator.has_begun();
-        let touchdown_y_m = self.gait.touchdown_y_m();
-        let Some(events) = estimator.update(m, usable, is_loaded, touchdown_y_m) else {
+        let Some(events) = estimator.update(&measurement, &self.gait) else {
             if had_begun {
+                self.guard.count_lost_estimate();
                 self.forget();
             }
             self.command = LegCommand::SAFE;
             return Status::Safe;
         };
-        let [vx_m_s, y_m, vy_m_s] = estimator.motion();
-        let (edge, suspected) = (events.edge, estimator.suspected_touchdown());
-        let ay_m_s2 = estimator.ay_m_s2();
-        self.gait.follow(&Followed { t_ns: m.t_ns, vx_m_s, y_m, vy_m_s, ay_m_s2, edge, suspected });
+        let Events { edge, suspected, motion: [vx_m_s, y_m, vy_m_s], ay_m_s2, in_stance, .. } =
+            events;
+        self.gait.follow(&Followed {
+            t_ns: m.t_ns,
+            vx_m_s,
+            y_m,
+            vy_m_s,
+            ay_m_s2,
+            edge,
+            suspected,
+            touchdown_is_foreseen: events.touchdown_is_foreseen,
+        });
         if edge.is_some_and(|edge| !edge.in_stance) {
             tracked.cascade_before = self.cascade.clone();
             (tracked.apex, tracked.has_passed) = (None, false);
             tracked.next_ns = m.t_ns.saturating_add(DECIDE_EVERY_NS);
         }
-        let in_stance = estimator.in_stance();
         // While a touchdown is suspected, the estimate may be one of a leg in stance.
         let is_due = m.t_ns >= tracked.next_ns && !in_stance && suspected.is_none();
-        if events.passed_apex || (is_due && estimator.density_is_known()) {
+        if events.passed_apex || (is_due && events.density_is_known) {
             tracked.next_ns = m.t_ns.saturating_add(DECIDE_EVERY_NS);
             let moment = match (events.passed_apex, edge) {
                 (true, Some(edge)) if edge.in_stance => Moment::Landed,

@@ -69,6 +69,21 @@ impl FlightModel {
         -2.0 * self.drag_y_1_m * density_ratio * vy_m_s.abs()
     }
 
+    /// Returns `cx`, 1/m.
+    pub(super) fn drag_x_1_m(&self) -> f32 {
+        self.drag_x_1_m
+    }
+
+    /// Returns `cy`, 1/m.
+    pub(super) fn drag_y_1_m(&self) -> f32 {
+        self.drag_y_1_m
+    }
+
+    /// Returns the derivative of `ax` by the density ratio, m/s2.
+    pub(super) fn ax_by_density(&self, vx_m_s: f32) -> f32 {
+        -self.drag_x_1_m * vx_m_s * vx_m_s.abs()
+    }
+
     /// Returns the derivative of `ax` by `vx`, 1/s.
     pub(super) fn ax_by_vx(&self, vx_m_s: f32, density_ratio: f32) -> f32 {
         -2.0 * self.drag_x_1_m * density_ratio * vx_m_s.abs()

@@ -4,8 +4,6 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::ValueEnum;
-use leg_control::config::Estimation;
-use leg_control::estimator::StateNoise;
 use leg_process::stdout;
 
 use super::{checked_policy, misuse};
@@ -77,14 +75,11 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         }
     });
     let cases = cases(&args.case)?;
-    let estimation = match args.state {
-        State::Estimate => Estimation::StateChannels(StateNoise::default()),
-        State::Readings => Estimation::Readings,
-    };
+    let estimates = args.state == State::Estimate;
     let blob = checked_policy(args.policy.as_deref())?;
     let policy = blob.policy().map_err(misuse)?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(jobs).build()?;
-    let size = Size { runs: args.runs, media, estimation };
+    let size = Size { runs: args.runs, media, estimates };
     let report = pool.install(|| study(&policy, &cases, &size))?;
     if args.json {
         stdout::print_line(serde_json::to_string(&report)?)?;

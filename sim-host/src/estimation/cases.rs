@@ -2,6 +2,7 @@
 
 use crate::faults::FaultSetting;
 use crate::robustness::Media;
+use crate::sensors::{SensorProfile, SensorSetting};
 
 /// A set of faults, and what is expected under them.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -10,8 +11,14 @@ pub struct Case {
     pub name: &'static str,
     /// Description.
     pub about: &'static str,
+    /// Profile of the sensors.
+    pub sensors: SensorProfile,
+    /// Figures of the sensors, as users write them.
+    sensor_figures: &'static [&'static str],
     /// Faults, as users write them.
     faults: &'static [&'static str],
+    /// Set-point, m/s.
+    pub set_point_m_s: f64,
     /// Media; none: all.
     only: Option<Media>,
     /// Apexes after which a leg counts as still hopping.
@@ -25,15 +32,27 @@ pub struct Case {
 const WHITE_1: Case = Case {
     name: "white-1",
     about: "white noise of 1 m/s and 1 m on every channel",
+    sensors: SensorProfile::Ideal,
+    sensor_figures: &[],
     faults: &["noise=1"],
+    set_point_m_s: 0.5,
     only: None,
     hops: 30,
     stale_limit_ms: 10,
     goal: 0.999,
 };
 
+const IMU: Case = Case {
+    name: "imu",
+    about: "sensors `imu`: no velocity, height or density sensed",
+    sensors: SensorProfile::Imu,
+    faults: &[],
+    goal: 1.0,
+    ..WHITE_1
+};
+
 /// The cases in the order of the report.
-pub const CASES: [Case; 17] = [
+pub const CASES: [Case; 23] = [
     Case { name: "ideal", about: "no fault", faults: &[], goal: 1.0, ..WHITE_1 },
     Case {
         name: "white-0.2",
@@ -150,6 +169,49 @@ pub const CASES: [Case; 17] = [
         goal: 0.98,
         ..WHITE_1
     },
+    IMU,
+    Case { name: "imu-long", about: "the same for 300 hops", hops: 300, goal: 0.999, ..IMU },
+    Case {
+        name: "imu-1",
+        about: "the same at 1 m/s on the shore",
+        set_point_m_s: 1.0,
+        only: Some(Media::Shore),
+        goal: 0.98,
+        ..IMU
+    },
+    Case {
+        name: "imu-at-once",
+        about: "sensors `imu`, orientation 0.05 rad off, foot of 2 kg, damping of 50 N s/m, \
+                friction of 0.6, actuators of 20 Hz, 20 ms late each way, ground of 0.2 m",
+        sensor_figures: &["pitch-bias=0.05"],
+        faults: &[
+            "foot-mass=2",
+            "damping=50",
+            "friction=0.6",
+            "bandwidth=20",
+            "delay=20",
+            "ground=rough,length=0.5,height=0.2",
+        ],
+        stale_limit_ms: 200,
+        goal: 0.97,
+        ..IMU
+    },
+    Case {
+        name: "imu-mass-2",
+        about: "sensors `imu`, twice the mass of the model",
+        faults: &["mass=2"],
+        goal: 0.98,
+        ..IMU
+    },
+    Case {
+        name: "underwater",
+        about: "sensors `underwater`, from water onto land; 300 hops",
+        sensors: SensorProfile::Underwater,
+        only: Some(Media::Shore),
+        hops: 300,
+        goal: 0.98,
+        ..IMU
+    },
 ];
 
 impl Case {
@@ -175,5 +237,11 @@ impl Case {
     pub(super) fn settings(&self) -> Vec<FaultSetting> {
         let parse = |text: &&str| text.parse().expect("a test parses every fault");
         self.faults.iter().map(parse).collect()
+    }
+
+    /// Returns the settings of the sensors.
+    pub(super) fn sensor_settings(&self) -> Vec<SensorSetting> {
+        let parse = |text: &&str| text.parse().expect("a test parses every figure");
+        self.sensor_figures.iter().map(parse).collect()
     }
 }

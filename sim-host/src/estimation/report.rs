@@ -103,7 +103,7 @@ impl fmt::Display for Report {
         writeln!(f, "{runs} runs of each case, 0.5 m/s, policy `{policy}`, {by}\n")?;
         writeln!(
             f,
-            "  {:<14}{:<7}{:>5}{:>9}  {:<15}{:>6}{:>6}{:>8}   {:<24}{:>5}",
+            "  {:<14}{:<7}{:>5}{:>9}  {:<15}{:>6}{:>6}{:>8}   {:<24}{:>5}   {}",
             "case",
             "medium",
             "hops",
@@ -113,7 +113,8 @@ impl fmt::Display for Report {
             "not 1",
             "|error|",
             "rms: vx, y, density",
-            "nis"
+            "nis",
+            "nees: vx, y, vy, density"
         )?;
         for row in &self.rows {
             let missed = if row.reaches_its_goal() { "" } else { "  below its goal" };
@@ -121,7 +122,7 @@ impl fmt::Display for Report {
             let [vx, y, density] = row.rms;
             writeln!(
                 f,
-                "  {:<14}{:<7}{:>5}{:>7.1} %  {:<15}{:>6}{:>6}{:>8.4}   {:<24}{:>5.2}{missed}",
+                "  {:<14}{:<7}{:>5}{:>7.1} %  {:<15}{:>6}{:>6}{:>8.4}   {:<24}{:>5.2}   {}{missed}",
                 row.case,
                 row.media.name(),
                 row.hops,
@@ -132,13 +133,15 @@ impl fmt::Display for Report {
                 row.tracking_m_s,
                 format!("{vx:.4}  {y:.4}  {density:.4}"),
                 row.innovations_squared,
+                row.errors_squared.map(|nees| format!("{nees:.2}")).join("  "),
             )?;
         }
         writeln!(
             f,
             "\n  not 1: apexes without exactly one decision; |error|: mean distance of the velocity at\n  \
              the apex from the set-point, m/s; rms: errors at the apex, m/s, m; nis: mean square of\n  \
-             the innovations of vy in flight in standard deviations, 1 for a consistent filter"
+             the innovations along y in flight in standard deviations, 1 for a consistent filter; nees:\n  \
+             the same of the errors of the estimate"
         )
     }
 }

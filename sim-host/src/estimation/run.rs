@@ -16,8 +16,6 @@ use crate::robustness::Media;
 use crate::scenario::{BadValue, Scenario, Settings};
 use crate::session::{Leg, TickRecord};
 
-/// Set-point of every run, m/s.
-pub(super) const SET_POINT_M_S: f64 = 0.5;
 /// Longest run, s for each hop. A hop takes a second on land, two in water, and nine in water
 /// for a leg that is hardly heavier than the water it displaces.
 const S_PER_HOP: f64 = 13.0;
@@ -31,8 +29,9 @@ pub struct Size {
     pub runs: u64,
     /// Media of the runs.
     pub media: Vec<Media>,
-    /// What the control law takes for the state.
-    pub estimation: Estimation,
+    /// Whether the control law has the estimator for its sensors, or takes the readings for the
+    /// state.
+    pub estimates: bool,
 }
 
 /// What one run has shown.
@@ -67,7 +66,9 @@ fn scenario(case: &Case, media: Media, seed: u64) -> Result<Scenario, BadValue> 
         duration_s: Some(S_PER_HOP * f64::from(case.hops)),
         seed: Some(seed),
         density_profile: Some(media.density_profile()),
-        set_point_m_s: Some(SET_POINT_M_S),
+        set_point_m_s: Some(case.set_point_m_s),
+        sensors: Some(case.sensors),
+        sensor_figures: case.sensor_settings(),
         faults: case.settings(),
         ..Settings::default()
     };
@@ -84,9 +85,10 @@ pub(super) fn play(
     case: &Case,
     media: Media,
     seed: u64,
-    estimation: Estimation,
+    estimates: bool,
 ) -> Result<Played, ConfigError> {
     let scenario = scenario(case, media, seed).expect("a test creates every scenario");
+    let estimation = if estimates { scenario.sensors.estimation() } else { Estimation::Readings };
     let config = Config::at_rate(scenario.rate_hz)?
         .with_gravity(scenario.controller_gravity_m_s2())?
         .with_stale_limit(scenario.stale_limit_ns)?
@@ -115,6 +117,7 @@ pub(super) fn play(
     }];
     let mut decisions = Vec::new();
     let mut decided = 0;
+    let mut first_lift_off_s = f64::INFINITY;
     while leg.ending().is_none() && played.apexes < case.hops {
         // Within a thread neither call fails.
         let sent = link.send(leg.sample());
@@ -147,9 +150,15 @@ pub(super) fn play(
                     *sum += square;
                 }
             }
-            for event in tick.events.iter().filter(|event| event.kind == EventKind::Apex) {
+            for event in tick.events.iter() {
+                if event.kind == EventKind::LiftOff {
+                    first_lift_off_s = first_lift_off_s.min(tick.t_s + event.t_s);
+                }
+                if event.kind != EventKind::Apex {
+                    continue;
+                }
                 played.apexes += 1;
-                played.tracking_m_s.push((event.body.vx_m_s - SET_POINT_M_S).abs());
+                played.tracking_m_s.push((event.body.vx_m_s - case.set_point_m_s).abs());
                 apexes.push(Apex {
                     t_s: tick.t_s + event.t_s,
                     vx_m_s: event.body.vx_m_s,
@@ -160,17 +169,24 @@ pub(super) fn play(
             }
         });
     }
-    compare(&mut played, &mut apexes, &decisions);
+    compare(&mut played, &mut apexes, first_lift_off_s, &decisions);
     Ok(played)
 }
 
-/// Compares each decision with the apex that is nearest in time.
-fn compare(played: &mut Played, apexes: &mut [Apex], decisions: &[(f64, [f64; 3])]) {
+/// Compares each decision with the apex that is nearest in time; those before the first lift-off
+/// with the start.
+fn compare(
+    played: &mut Played,
+    apexes: &mut [Apex],
+    first_lift_off_s: f64,
+    decisions: &[(f64, [f64; 3])],
+) {
     for &(t_s, [vx_m_s, y_m, density_ratio]) in decisions {
         let after = apexes.partition_point(|apex| apex.t_s < t_s);
         let near = [after.saturating_sub(1), after.min(apexes.len() - 1)];
         let off = |&i: &usize| (apexes[i].t_s - t_s).abs();
-        let i = if off(&near[0]) <= off(&near[1]) { near[0] } else { near[1] };
+        let nearest = if off(&near[0]) <= off(&near[1]) { near[0] } else { near[1] };
+        let i = if t_s < first_lift_off_s { 0 } else { nearest };
         let apex = &mut apexes[i];
         apex.decisions += 1;
         if i >= SETTLED_AFTER {
@@ -200,7 +216,7 @@ pub fn study(policy: &Policy<'_>, cases: &[Case], size: &Size) -> Result<Report,
         .par_iter()
         .map(|&(row, seed)| {
             let (case, media) = rows[row];
-            play(policy, case, media, seed, size.estimation)
+            play(policy, case, media, seed, size.estimates)
         })
         .collect::<Result<_, ConfigError>>()?;
     let rows = rows
@@ -210,7 +226,7 @@ pub fn study(policy: &Policy<'_>, cases: &[Case], size: &Size) -> Result<Report,
         .collect();
     Ok(Report {
         policy: policy.manifest().name.to_owned(),
-        estimated: size.estimation != Estimation::Readings,
+        estimated: size.estimates,
         runs: size.runs,
         rows,
     })
@@ -220,20 +236,16 @@ pub fn study(policy: &Policy<'_>, cases: &[Case], size: &Size) -> Result<Report,
 mod tests {
     use super::*;
     use crate::estimation::CASES;
-    use leg_control::estimator::StateNoise;
+    use crate::sensors::SensorProfile;
     use leg_control::policy::SHIPPED;
     use leg_process::policy_file::AlignedBytes;
 
     const MEDIA: [Media; 3] = [Media::Water, Media::Shore, Media::Land];
 
-    fn estimate() -> Estimation {
-        Estimation::StateChannels(StateNoise::default())
-    }
-
-    fn report(cases: &[Case], runs: u64, estimation: Estimation) -> Report {
+    fn report(cases: &[Case], runs: u64, estimates: bool) -> Report {
         let blob: AlignedBytes = SHIPPED.into();
         let policy = Policy::parse(blob.as_slice()).unwrap();
-        study(&policy, cases, &Size { runs, media: MEDIA.to_vec(), estimation }).unwrap()
+        study(&policy, cases, &Size { runs, media: MEDIA.to_vec(), estimates }).unwrap()
     }
 
     fn of(name: &str, hops: u32) -> Case {
@@ -246,7 +258,8 @@ mod tests {
             assert_eq!(Case::named(case.name), Some(case), "two are called {}", case.name);
             for media in MEDIA {
                 let scenario = scenario(case, media, 3).unwrap();
-                assert_eq!(scenario.faults.is_empty(), case.name == "ideal");
+                let is_ideal = case.sensors == SensorProfile::Ideal && scenario.faults.is_empty();
+                assert_eq!(is_ideal, case.name == "ideal");
             }
         }
     }
@@ -254,14 +267,14 @@ mod tests {
     #[test]
     fn the_leg_hops_on_under_noise_delay_and_loss_with_the_estimator_and_falls_without() {
         let cases = [of("white-1", 12), of("at-once", 12), of("late-300", 8), of("lost-90", 12)];
-        for row in report(&cases, 2, estimate()).rows {
+        for row in report(&cases, 2, true).rows {
             assert_eq!(row.hopping, row.runs, "{row:?}");
             // An early decision can come before the apex that ends the run.
             assert!(row.miscounted <= 1, "{row:?}");
         }
         let noisy = &cases[..2];
         let on_land = |row: &Row| row.media == Media::Land;
-        for row in report(noisy, 2, Estimation::Readings).rows.into_iter().filter(on_land) {
+        for row in report(noisy, 2, false).rows.into_iter().filter(on_land) {
             assert_eq!(row.hopping, 0, "{row:?}");
         }
     }
@@ -269,8 +282,8 @@ mod tests {
     #[test]
     fn without_noise_the_leg_tracks_the_set_point_as_well_as_by_its_readings() {
         let ideal = [*Case::named("ideal").unwrap()];
-        let by = |estimation| report(&ideal, 6, estimation).rows;
-        for (estimate, readings) in by(estimate()).iter().zip(by(Estimation::Readings)) {
+        let by = |estimates| report(&ideal, 6, estimates).rows;
+        for (estimate, readings) in by(true).iter().zip(by(false)) {
             assert_eq!((estimate.hopping, readings.hopping), (6, 6));
             let (ours, theirs) = (estimate.tracking_m_s, readings.tracking_m_s);
             assert!(ours < 1.02 * theirs, "{ours} m/s, and {theirs} m/s by the readings");
@@ -280,12 +293,30 @@ mod tests {
         }
     }
 
+    #[test]
+    fn a_leg_that_senses_neither_velocity_nor_height_nor_density_hops_on() {
+        let cases = [of("imu", 12), of("imu-at-once", 12), of("imu-mass-2", 8)];
+        for row in report(&cases, 2, true).rows {
+            assert_eq!((row.hopping, row.miscounted), (row.runs, 0), "{row:?}");
+            if row.case == "imu" {
+                let [vx, y, density] = row.rms;
+                assert!(vx < 0.015 && y < 0.04 && density < 0.015, "{row:?}");
+                let nis = row.innovations_squared;
+                assert!((0.6..1.1).contains(&nis), "{row:?}");
+                // Of few flights, of which each has one error.
+                assert!(row.errors_squared.iter().all(|&nees| nees < 8.0), "{row:?}");
+            }
+        }
+        // By the readings it never gets a command.
+        assert!(report(&cases[..1], 1, false).rows.iter().all(|row| row.hopping == 0));
+    }
+
     /// The errors are as large as the filter says, in every medium: the innovations have
     /// variance 1, and no state is off by more than its variance on average. Process noise
     /// makes the filter more careful than white noise of a known level would need.
     #[test]
     fn the_filter_is_consistent_in_every_medium() {
-        for row in report(&[of("white-1", 20), of("white-0.2", 20)], 4, estimate()).rows {
+        for row in report(&[of("white-1", 20), of("white-0.2", 20)], 4, true).rows {
             let nis = row.innovations_squared;
             assert!((0.93..1.07).contains(&nis), "{}, {}: {nis}", row.case, row.media.name());
             for (state, nees) in ["vx", "y", "vy", "density"].iter().zip(row.errors_squared) {
@@ -304,7 +335,7 @@ mod tests {
         let cases = [of("white-1", 5)];
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| report(&cases, 3, estimate()))
+            pool.install(|| report(&cases, 3, true))
         };
         assert_eq!(on(1), on(4));
     }

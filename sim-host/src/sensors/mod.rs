@@ -23,6 +23,7 @@ mod listing;
 mod models;
 mod profile;
 mod setting;
+mod stated;
 
 pub use catalog::Figures;
 pub use figure::{Figure, Quantity, Sensor};

@@ -1,7 +1,8 @@
 //! Whatever comes in, what goes out is finite and in range.
 
 use super::*;
-use crate::estimator::StateNoise;
+use crate::estimator::{SensorNoise, StateNoise};
+use crate::measurement::{Aged, LegPosture, SpecificImpulse};
 use core::cell::Cell;
 use core::f32::consts::PI;
 use proptest::test_runner::TestRunner;
@@ -63,26 +64,60 @@ fn any_measurement() -> impl Strategy<Value = (Option<Measurement>, u64)> {
     let density = prop::option::weighted(0.3, mostly_good(0.0, 2.0));
     let step_ns = prop_oneof![8 => Just(1_000_000_u64), 1 => Just(1), 1 => 0_u64..40_000_000];
     let motion = (mostly_good(-50.0, 50.0), mostly_good(0.0, 100.0), mostly_good(-50.0, 50.0));
-    let measurement =
-        (motion, contact, density).prop_map(|((vx_m_s, y_m, vy_m_s), contact, density_ratio)| {
-            Measurement {
-                t_ns: 0,
-                vx_m_s,
-                y_m,
-                vy_m_s,
-                contact,
-                density_ratio,
-                sensors: Sensors::default(),
-            }
-        });
+    let measurement = (motion, contact, density, any_sensors()).prop_map(
+        |((vx_m_s, y_m, vy_m_s), contact, density_ratio, sensors)| Measurement {
+            t_ns: 0,
+            vx_m_s,
+            y_m,
+            vy_m_s,
+            contact,
+            density_ratio,
+            sensors,
+        },
+    );
     (prop::option::weighted(0.95, measurement), step_ns)
 }
 
+/// Readings of raw sensors, each of which may be missing.
+fn any_sensors() -> impl Strategy<Value = Sensors> {
+    fn often<T: Strategy>(reading: T) -> impl Strategy<Value = Option<T::Value>> {
+        prop::option::weighted(0.8, reading)
+    }
+    fn seldom<T: Strategy>(
+        reading: T,
+    ) -> impl Strategy<Value = Option<Aged<<T as Strategy>::Value>>>
+    where
+        T::Value: Copy + core::fmt::Debug,
+    {
+        let aged = (reading, prop_oneof![0..300_000_000_u32, any::<u32>()]);
+        prop::option::weighted(0.1, aged.prop_map(|(value, age_ns)| Aged { value, age_ns }))
+    }
+    let impulse = prop_oneof![
+        8 => [0..2_000_i32, 0..2_000_i32],
+        1 => [any::<i32>(), any::<i32>()],
+    ];
+    let posture = (mostly_good(0.5, 1.2), mostly_good(0.0, PI))
+        .prop_map(|(length_m, angle_rad)| LegPosture { length_m, angle_rad });
+    let fast = (often(impulse), often(mostly_good(-1.6, 1.6)), often(any_float()), often(posture));
+    let speed = || mostly_good(-50.0, 50.0);
+    let slow = (seldom([speed(), speed()]), seldom(mostly_good(0.0, 100.0)), seldom(any_float()));
+    (fast, slow).prop_map(|((impulse, pitch_rad, pitch_rate_rad_s, posture), slow)| {
+        let (velocity_m_s, height_m, pressure_pa) = slow;
+        let impulse = impulse.map(SpecificImpulse);
+        let fast = Sensors { impulse, pitch_rad, pitch_rate_rad_s, posture, ..Sensors::default() };
+        Sensors { velocity_m_s, height_m, pressure_pa, ..fast }
+    })
+}
+
 /// A configuration for each source of the state.
-fn configs() -> [Config; 2] {
+fn configs() -> [Config; 3] {
     let config = Config::at_rate(1_000).unwrap();
-    let noise = StateNoise::default();
-    [config, config.with_estimation(Estimation::StateChannels(noise)).unwrap()]
+    let with = |estimation| config.with_estimation(estimation).unwrap();
+    [
+        config,
+        with(Estimation::StateChannels(StateNoise::default())),
+        with(Estimation::Inertial(SensorNoise::default())),
+    ]
 }
 
 /// Plays steps to a controller and checks every output; returns how many measurements
@@ -222,7 +257,7 @@ fn any_policy_that_parses_gives_commands_in_range() {
 #[test]
 fn a_long_run_of_an_estimator_gives_commands_in_range() {
     let policy = Policy::parse(crate::policy::SHIPPED).unwrap();
-    let [_, config] = configs();
+    let [_, state, inertial] = configs();
     let at = |tick: u64| tick as f32;
     let motions: [&dyn Fn(u64) -> [f32; 3]; 5] = [
         &|_| [0.0; 3],
@@ -231,7 +266,10 @@ fn a_long_run_of_an_estimator_gives_commands_in_range() {
         &|tick| [0.5, 2.0, -9.0 * 1e-3 * at(tick % 400)],
         &|tick| [at(tick % 100) - 50.0, at(tick % 200) - 100.0, 0.02],
     ];
-    for (kind, motion) in motions.into_iter().enumerate() {
+    let runs = [state, inertial].into_iter().flat_map(|config| {
+        motions.into_iter().enumerate().map(move |(kind, motion)| (config, kind, motion))
+    });
+    for (config, kind, motion) in runs {
         let mut controller = Controller::new(policy.clone(), config);
         for tick in 0..200_000_u64 {
             let [vx_m_s, y_m, vy_m_s] = motion(tick);
@@ -243,7 +281,11 @@ fn a_long_run_of_an_estimator_gives_commands_in_range() {
                 vy_m_s,
                 contact,
                 density_ratio: None,
-                sensors: Sensors::default(),
+                sensors: Sensors {
+                    impulse: Some(SpecificImpulse([vx_m_s, vy_m_s].map(|v| (65_536.0 * v) as i32))),
+                    posture: Some(LegPosture { length_m: y_m.abs().min(1.0), angle_rad: 1.5 }),
+                    ..Sensors::default()
+                },
             };
             let command = controller.step(Some(&m), 0.5).command;
             assert!(command.is_valid(), "{command:?} in tick {tick} of kind {kind}");

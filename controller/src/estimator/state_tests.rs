@@ -1,14 +1,14 @@
 //! The filter as a whole, on a flight by the equations of the plant.
 
 use super::*;
+use crate::estimator::random::Random;
 use crate::measurement::{Contact, Sensors};
-use random::Random;
 
 const TICK_NS: u64 = 1_000_000;
 const STALE_NS: u64 = 100_000_000;
 
-fn estimator() -> Estimator {
-    Estimator::new(&LegModel::HUMAN, 9.81, TICK_NS, STALE_NS, &StateNoise::default())
+fn estimator() -> StateFilter {
+    StateFilter::new(&LegModel::HUMAN, 9.81, TICK_NS, STALE_NS, &StateNoise::default())
 }
 
 /// A flight that is read every millisecond, with noise of this deviation, m/s and m.
@@ -50,7 +50,7 @@ impl Flown {
     }
 
     /// Passes `ticks` readings to an estimator.
-    fn play(&mut self, estimator: &mut Estimator, ticks: u32) {
+    fn play(&mut self, estimator: &mut StateFilter, ticks: u32) {
         for _ in 0..ticks {
             let m = self.read();
             estimator.update(&m, Channels::ALL, Some(false), 1.0);
@@ -165,8 +165,8 @@ fn the_apex_passes_once_and_is_found_from_before_and_from_behind() {
     let mut passed = 0;
     for tick in 0..900_u32 {
         let m = flown.read();
-        let events = estimator.update(&m, Channels::ALL, Some(false), 1.0).unwrap_or_default();
-        passed += u32::from(events.passed_apex);
+        let events = estimator.update(&m, Channels::ALL, Some(false), 1.0);
+        passed += u32::from(events.is_some_and(|events| events.passed_apex));
         if tick > 250 {
             let apex = estimator.apex().unwrap();
             assert!((apex.y_m - top_m).abs() < 0.15, "{apex:?} in {tick}");
@@ -180,7 +180,7 @@ fn the_apex_passes_once_and_is_found_from_before_and_from_behind() {
 #[test]
 fn a_state_that_overflows_ends_the_estimate() {
     let leg = LegModel { volume_m3: 1e9, area_x_m2: 1e9, area_y_m2: 1e9, ..LegModel::HUMAN };
-    let mut estimator = Estimator::new(&leg, 9.81, TICK_NS, STALE_NS, &StateNoise::default());
+    let mut estimator = StateFilter::new(&leg, 9.81, TICK_NS, STALE_NS, &StateNoise::default());
     let mut flown = Flown::new(0.0, 0.5);
     for _ in 0..500 {
         let m = flown.read();

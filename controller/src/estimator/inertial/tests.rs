@@ -1,0 +1,450 @@
+//! The filter on a leg that hops, integrated in small steps in f64.
+
+extern crate std;
+
+use super::*;
+use crate::estimator::random::Random;
+use crate::measurement::{Aged, Contact, LegPosture, Sensors, SpecificImpulse};
+use core::f64::consts::FRAC_PI_2;
+
+const TICK_NS: u64 = 1_000_000;
+const STEPS_A_TICK: u32 = 20;
+const GRAVITY: f64 = 9.81;
+/// Angle of the leg at touchdown for each m/s, rad: hardly more than keeps the velocity.
+const FOOT_AHEAD: f64 = 0.13;
+
+/// What the sensors of the leg are wrong by.
+#[derive(Clone, Copy, Debug)]
+struct Errors {
+    bias_m_s2: [f64; 2],
+    acceleration_m_s2: f64,
+    tilt_rad: f64,
+    length_m: f64,
+    angle_rad: f64,
+    contact_late_ticks: usize,
+}
+
+impl Errors {
+    const NONE: Self = Self {
+        bias_m_s2: [0.0; 2],
+        acceleration_m_s2: 0.0,
+        tilt_rad: 0.0,
+        length_m: 0.0,
+        angle_rad: 0.0,
+        contact_late_ticks: 0,
+    };
+    const COMMON: Self = Self {
+        bias_m_s2: [0.15, -0.2],
+        acceleration_m_s2: 0.05,
+        tilt_rad: 0.02,
+        length_m: 1e-3,
+        angle_rad: 3e-4,
+        contact_late_ticks: 2,
+    };
+}
+
+/// A leg that hops, with a foot put where the velocity stays as it is.
+struct Hopper {
+    leg: LegModel,
+    density_ratio: f64,
+    position: [f64; 2],
+    velocity: [f64; 2],
+    foot: Option<[f64; 2]>,
+    /// Rest length beyond that at touchdown, m, in the second half of a stance: makes up for
+    /// what drag takes.
+    extension_m: f64,
+    impulse: [f64; 2],
+    contacts: [bool; 8],
+    tick: u64,
+    errors: Errors,
+    random: Random,
+}
+
+impl Hopper {
+    fn new(density_ratio: f64, errors: Errors) -> Self {
+        Self {
+            leg: LegModel::HUMAN,
+            density_ratio,
+            position: [0.0, 1.6],
+            velocity: [0.4, 0.0],
+            foot: None,
+            extension_m: 0.0,
+            impulse: [30_000.0, -2_000.0],
+            contacts: [false; 8],
+            tick: 0,
+            errors,
+            random: Random::new(),
+        }
+    }
+
+    fn angle_rad(&self) -> f64 {
+        match self.foot {
+            Some([x, y]) => libm::atan2(self.position[1] - y, self.position[0] - x),
+            None => FRAC_PI_2 + FOOT_AHEAD * self.velocity[0],
+        }
+    }
+
+    fn length_m(&self) -> f64 {
+        let foot = self.foot.map(|[x, y]| [self.position[0] - x, self.position[1] - y]);
+        foot.map_or(f64::from(self.leg.rest_length_m), |[x, y]| libm::hypot(x, y))
+    }
+
+    /// Returns the acceleration, m/s2.
+    fn acceleration(&self) -> [f64; 2] {
+        let leg = &self.leg;
+        let [vx, vy] = self.velocity;
+        let mass = f64::from(leg.mass_kg + leg.added_mass_kg);
+        let drag = |area: f32, factor: f32, v: f64| {
+            0.5 * 1000.0 * self.density_ratio * f64::from(area * factor) * v * v.abs()
+        };
+        let buoyancy = 1000.0 * self.density_ratio * f64::from(leg.volume_m3) * GRAVITY;
+        let mut force = [
+            -drag(leg.area_x_m2, leg.drag_x, vx),
+            buoyancy - f64::from(leg.mass_kg) * GRAVITY - drag(leg.area_y_m2, leg.drag_y, vy),
+        ];
+        if self.foot.is_some() {
+            let rest = f64::from(leg.rest_length_m) + self.extension_m;
+            let spring = f64::from(leg.stiffness_n_m) * (rest - self.length_m());
+            let angle = self.angle_rad();
+            force[0] += spring * libm::cos(angle);
+            force[1] += spring * libm::sin(angle);
+        }
+        force.map(|force| force / mass)
+    }
+
+    fn step(&mut self) {
+        let dt = 1e-9 * TICK_NS as f64 / f64::from(STEPS_A_TICK);
+        let before = self.velocity;
+        for _ in 0..STEPS_A_TICK {
+            let [ax, ay] = self.acceleration();
+            self.velocity[0] += dt * ax;
+            self.velocity[1] += dt * ay;
+            self.position[0] += dt * self.velocity[0];
+            self.position[1] += dt * self.velocity[1];
+            let rest = f64::from(self.leg.rest_length_m);
+            let angle = self.angle_rad();
+            match self.foot {
+                None if self.velocity[1] < 0.0 && self.position[1] <= rest * libm::sin(angle) => {
+                    self.foot = Some([self.position[0] - rest * libm::cos(angle), 0.0]);
+                    self.extension_m = 0.0;
+                }
+                Some(_) if self.length_m() >= rest + self.extension_m => self.foot = None,
+                Some(_) if self.velocity[1] > 0.0 && self.density_ratio > 0.0 => {
+                    self.extension_m = 0.04 * self.density_ratio.clamp(0.3, 1.0);
+                }
+                _ => {}
+            }
+        }
+        self.impulse[0] += self.velocity[0] - before[0];
+        self.impulse[1] += self.velocity[1] - before[1] + 1e-9 * TICK_NS as f64 * GRAVITY;
+        self.contacts.rotate_right(1);
+        self.contacts[0] = self.foot.is_some();
+        self.tick += 1;
+    }
+
+    fn read(&mut self) -> Measurement {
+        let errors = self.errors;
+        let dt = 1e-9 * TICK_NS as f64;
+        let mut noise = |deviation: f64| deviation * f64::from(self.random.normal());
+        self.impulse[0] += dt * (errors.bias_m_s2[0] + noise(errors.acceleration_m_s2));
+        self.impulse[1] += dt * (errors.bias_m_s2[1] + noise(errors.acceleration_m_s2));
+        let (length_off, angle_off) = (noise(errors.length_m), noise(errors.angle_rad));
+        let (sine, cosine) = (libm::sin(errors.tilt_rad), libm::cos(errors.tilt_rad));
+        let [x, y] = self.impulse;
+        // What is read is turned back by the error of the orientation.
+        let turned = [cosine * x + sine * y, cosine * y - sine * x];
+        let count = |x: f64| (libm::round(x * 65_536.0) as i64) as i32;
+        Measurement {
+            t_ns: self.tick * TICK_NS,
+            vx_m_s: f32::NAN,
+            y_m: f32::NAN,
+            vy_m_s: f32::NAN,
+            contact: Contact::Sensed(self.contacts[errors.contact_late_ticks]),
+            density_ratio: None,
+            sensors: Sensors {
+                impulse: Some(SpecificImpulse(turned.map(count))),
+                posture: Some(LegPosture {
+                    length_m: (self.length_m() + length_off) as f32,
+                    angle_rad: (self.angle_rad() + angle_off - errors.tilt_rad) as f32,
+                }),
+                ..Sensors::default()
+            },
+        }
+    }
+}
+
+/// Hops for `seconds`. `tamper` may change a measurement, or lose it by returning false; `seen`
+/// is called after every tick.
+fn run(
+    mut hopper: Hopper,
+    seconds: u64,
+    mut tamper: impl FnMut(&mut Hopper, &mut Measurement) -> bool,
+    mut seen: impl FnMut(&Hopper, &InertialFilter, Option<Events>),
+) {
+    let noise = SensorNoise::default();
+    let mut filter = InertialFilter::new(&LegModel::HUMAN, 9.81, TICK_NS, &noise);
+    for _ in 0..1_000 * seconds {
+        let mut measurement = hopper.read();
+        if tamper(&mut hopper, &mut measurement) {
+            let rest_m = 1.0 + hopper.extension_m as f32;
+            let touchdown_y_m = libm::sin(FRAC_PI_2 + FOOT_AHEAD * hopper.velocity[0]) as f32;
+            let events = filter.update(&measurement, Channels::ALL, rest_m, touchdown_y_m);
+            seen(&hopper, &filter, events);
+        }
+        hopper.step();
+    }
+}
+
+/// What was seen of a run after its first five seconds, in flight.
+#[derive(Clone, Copy, Debug, Default)]
+struct Seen {
+    /// Root mean square errors: vx, y, vy, density.
+    rms: [f64; 4],
+    /// Mean squares of the errors over their variances.
+    nees: [f64; 4],
+    apexes: u32,
+    /// Ticks without an estimate.
+    lost: u32,
+}
+
+fn see(
+    hopper: Hopper,
+    seconds: u64,
+    tamper: impl FnMut(&mut Hopper, &mut Measurement) -> bool,
+) -> Seen {
+    let mut sum = Seen::default();
+    let mut count = 0.0;
+    run(hopper, seconds, tamper, |hopper, filter, events| {
+        sum.apexes += u32::from(events.is_some_and(|events| events.passed_apex));
+        sum.lost += u32::from(events.is_none());
+        if hopper.tick < 5_000 || hopper.foot.is_some() || filter.in_stance() {
+            return;
+        }
+        let Some(e) = filter.estimate() else { return };
+        let of = [
+            (f64::from(e.vx_m_s) - hopper.velocity[0], e.vx_variance),
+            (f64::from(e.y_m) - hopper.position[1], e.y_variance),
+            (f64::from(e.vy_m_s) - hopper.velocity[1], e.vy_variance),
+            (f64::from(e.density_ratio) - hopper.density_ratio, e.density_variance),
+        ];
+        count += 1.0;
+        for ((square, nees), (error, variance)) in sum.rms.iter_mut().zip(&mut sum.nees).zip(of) {
+            *square += error * error;
+            *nees += error * error / f64::from(variance);
+        }
+    });
+    Seen {
+        rms: sum.rms.map(|square| libm::sqrt(square / count)),
+        nees: sum.nees.map(|nees| nees / count),
+        ..sum
+    }
+}
+
+/// Asserts that the root mean square errors are below these limits.
+#[track_caller]
+fn assert_below(seen: &Seen, limits: [f64; 4], what: &str) {
+    std::println!("{what}: {seen:.4?}");
+    assert!(seen.rms.iter().zip(limits).all(|(rms, limit)| *rms < limit), "{what}: {seen:?}");
+}
+
+#[test]
+fn finds_motion_and_density_of_a_leg_that_senses_neither() {
+    for (density_ratio, errors, limits) in [
+        (0.0, Errors::NONE, [0.001, 0.001, 0.002, 0.001]),
+        (1.0, Errors::NONE, [0.001, 0.001, 0.002, 0.001]),
+        (0.0, Errors::COMMON, [0.006, 0.005, 0.006, 0.003]),
+        (0.4, Errors::COMMON, [0.006, 0.005, 0.006, 0.003]),
+        (1.0, Errors::COMMON, [0.006, 0.005, 0.006, 0.003]),
+    ] {
+        let seen = see(Hopper::new(density_ratio, errors), 20, |_, _| true);
+        assert_below(&seen, limits, &std::format!("density {density_ratio}"));
+        assert!(seen.nees.iter().all(|&nees| nees < 1.5), "{seen:?}");
+        assert_eq!(seen.lost, 1, "the first tick");
+    }
+}
+
+#[test]
+fn passes_one_apex_a_hop() {
+    let mut touchdowns = 0;
+    let mut was_in_stance = false;
+    let hopper = Hopper::new(0.4, Errors::COMMON);
+    let seen = see(hopper, 30, |hopper, _| {
+        touchdowns += u32::from(hopper.foot.is_some() && !was_in_stance);
+        was_in_stance = hopper.foot.is_some();
+        true
+    });
+    assert!(seen.apexes.abs_diff(touchdowns) <= 1, "{} for {touchdowns}", seen.apexes);
+}
+
+#[test]
+fn lost_messages_cost_next_to_nothing_for_impulses_are_summed() {
+    let mut random = Random::new();
+    let hopper = Hopper::new(0.0, Errors::COMMON);
+    let seen = see(hopper, 20, |_, _| random.uniform() < 0.1);
+    assert_below(&seen, [0.015, 0.01, 0.02, 0.01], "one of ten");
+}
+
+#[test]
+fn an_accelerometer_of_200_hz_is_enough() {
+    let hopper = Hopper::new(0.3, Errors::COMMON);
+    let seen = see(hopper, 20, |hopper, m| {
+        if !hopper.tick.is_multiple_of(5) {
+            m.sensors.impulse = None;
+        }
+        true
+    });
+    assert_below(&seen, [0.02, 0.01, 0.02, 0.02], "200 Hz");
+}
+
+#[test]
+fn carries_on_without_accelerometer_by_its_model_and_the_encoders() {
+    let hopper = Hopper::new(0.0, Errors::COMMON);
+    let seen = see(hopper, 20, |hopper, m| {
+        if hopper.tick > 3_000 {
+            m.sensors.impulse = None;
+        }
+        true
+    });
+    assert_below(&seen, [0.2, 0.15, 0.3, 0.05], "no accelerometer");
+}
+
+#[test]
+fn a_contact_reading_that_sticks_or_chatters_is_overruled() {
+    let mut random = Random::new();
+    for (what, reading) in [("stuck on", Some(true)), ("stuck off", Some(false)), ("5 %", None)] {
+        let hopper = Hopper::new(0.0, Errors::COMMON);
+        let seen = see(hopper, 20, |hopper, m| {
+            if hopper.tick > 3_000 {
+                let flipped = hopper.contacts[2] ^ (random.uniform() < 0.05);
+                m.contact = Contact::Sensed(reading.unwrap_or(flipped));
+            }
+            true
+        });
+        assert_below(&seen, [0.02, 0.02, 0.03, 0.01], what);
+    }
+}
+
+#[test]
+fn without_contact_reading_the_leg_length_shows_the_load() {
+    let hopper = Hopper::new(0.0, Errors::COMMON);
+    let seen = see(hopper, 20, |_, m| {
+        m.contact = Contact::LegLength(m.sensors.posture.unwrap().length_m);
+        true
+    });
+    assert_below(&seen, [0.02, 0.02, 0.03, 0.01], "by length");
+}
+
+#[test]
+fn a_medium_that_changes_at_once_is_known_within_a_tenth_of_a_second() {
+    let mut checked = 0;
+    let hopper = Hopper::new(0.0, Errors::COMMON);
+    let mut changed_at = None;
+    run(
+        hopper,
+        12,
+        |hopper, _| {
+            if hopper.tick > 6_000 && hopper.velocity[1] > 1.0 && hopper.foot.is_none() {
+                hopper.density_ratio = 1.0;
+                changed_at.get_or_insert(hopper.tick);
+            }
+            true
+        },
+        |hopper, filter, _| {
+            if hopper.density_ratio == 1.0 && hopper.foot.is_none() {
+                checked += 1;
+                let off = (filter.density_ratio() - 1.0).abs();
+                assert!(checked < 100 || filter.in_stance() || off < 0.05, "{off} after {checked}");
+            }
+        },
+    );
+    assert!(checked > 1_000);
+}
+
+#[test]
+fn slow_sensors_correct_the_velocity_of_a_leg_without_encoders() {
+    let errors = Errors { tilt_rad: 0.005, ..Errors::COMMON };
+    let mut past = [[0.0; 2]; 101];
+    let seen = see(Hopper::new(1.0, errors), 20, |hopper, m| {
+        past.rotate_right(1);
+        past[0] = hopper.velocity;
+        m.sensors.posture = None;
+        if hopper.tick.is_multiple_of(125) {
+            let value = past[100].map(|v| v as f32);
+            m.sensors.velocity_m_s = Some(Aged { value, age_ns: 100_000_000 });
+        }
+        true
+    });
+    assert_below(&seen, [0.1, 0.2, 0.1, 0.05], "Doppler log");
+}
+
+#[test]
+fn pressure_tells_the_vertical_velocity_in_water() {
+    let pressure = |hopper: &Hopper| (1e5 + 9_810.0 * (10.0 - hopper.position[1])) as f32;
+    let off = |uses_pressure: bool| {
+        let mut off = 0.0_f32;
+        run(
+            Hopper::new(1.0, Errors::COMMON),
+            1,
+            |hopper, m| {
+                let reading = Aged { value: pressure(hopper), age_ns: 0 };
+                let is_due = uses_pressure && hopper.tick.is_multiple_of(50);
+                m.sensors.pressure_pa = is_due.then_some(reading);
+                true
+            },
+            |hopper, filter, _| {
+                if hopper.foot.is_none() {
+                    let variance = filter.vertical.factor.velocity_variance();
+                    off = libm::sqrtf(variance);
+                }
+            },
+        );
+        off
+    };
+    let (with, without) = (off(true), off(false));
+    assert!(with < 0.5 * without, "deviation {with} with, {without} without, before touchdown");
+}
+
+#[test]
+fn a_state_that_nothing_corrects_any_more_is_lost_and_said_to_be() {
+    let hopper = Hopper::new(0.0, Errors::COMMON);
+    let seen = see(hopper, 20, |hopper, m| {
+        if hopper.tick > 6_000 {
+            m.sensors.posture = None;
+            m.sensors.impulse = None;
+        }
+        true
+    });
+    assert!(seen.lost > 0, "{seen:?}");
+}
+
+#[test]
+fn no_reading_makes_an_estimate_that_is_not_finite() {
+    let mut random = Random::new();
+    let odd = [0.0, -0.0, 1e-30, 1e30, f32::MAX, -f32::MAX, 3.0, -1.5];
+    let mut pick = move || {
+        let i = (random.uniform() * odd.len() as f64) as usize;
+        odd[i.min(odd.len() - 1)]
+    };
+    let mut filter = InertialFilter::new(&LegModel::HUMAN, 9.81, TICK_NS, &SensorNoise::default());
+    let mut t_ns = 0;
+    for tick in 0..20_000_u32 {
+        t_ns += if tick % 97 == 0 { 900_000_000 } else { TICK_NS };
+        let mut m = Hopper::new(0.5, Errors::COMMON).read();
+        m.t_ns = t_ns;
+        m.sensors.impulse = Some(SpecificImpulse([pick() as i32, pick() as i32]));
+        m.sensors.posture = Some(LegPosture { length_m: pick(), angle_rad: pick() });
+        m.sensors.pitch_rad = Some(pick());
+        m.sensors.velocity_m_s = Some(Aged { value: [pick(), pick()], age_ns: tick * 7_001 });
+        m.sensors.height_m = Some(Aged { value: pick(), age_ns: u32::MAX });
+        m.sensors.pressure_pa = Some(Aged { value: pick(), age_ns: 0 });
+        m.contact = Contact::Sensed(tick % 50 < 20);
+        filter.update(&m, Channels::ALL, pick(), pick());
+        if let Some(e) = filter.estimate() {
+            let sum = e.vx_m_s + e.y_m + e.vy_m_s + e.density_ratio;
+            assert!(sum.is_finite() && e.vx_variance > 0.0 && e.y_variance > 0.0, "{e:?}");
+        } else if !filter.has_begun() {
+            let leg = LegModel::HUMAN;
+            filter = InertialFilter::new(&leg, 9.81, TICK_NS, &SensorNoise::default());
+        }
+    }
+}
