@@ -7,7 +7,7 @@ use std::fmt;
 
 use clap::ValueEnum;
 use leg_control::config::{Config, ConfigError, Estimation, STALE_LIMIT_NS};
-use leg_control::estimator::StateNoise;
+use leg_control::estimator::{SensorNoise, StateNoise};
 use leg_control::guard::SAFE_AFTER_NS;
 use leg_control::serial::message::Estimator;
 use serde::{Deserialize, Serialize};
@@ -20,6 +20,9 @@ pub enum EstimatorKind {
     Readings,
     /// An estimate from noisy, late or lost readings of velocity and height.
     State,
+    /// An estimate from accelerometer, encoders of the leg and contact, of a leg that senses
+    /// neither velocity nor height.
+    Inertial,
 }
 
 /// Stated standard deviations of sensors, by name.
@@ -35,7 +38,10 @@ pub struct LawSettings {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub estimator: Option<EstimatorKind>,
     /// Least noise of the sensors that the estimator assumes, standard deviations; for `state`:
-    /// velocity=0.01,height=0.01,leg-length=0.001 (m/s, m, m), which are the defaults.
+    /// velocity=0.01,height=0.01,leg-length=0.001 (m/s, m, m), which are the defaults; for
+    /// `inertial`: acceleration (m/s2 per root hertz), acceleration-bias, acceleration-scale,
+    /// bias-walk, acceleration-range, pitch, pitch-walk, leg-length, leg-angle, velocity, height,
+    /// pressure.
     #[arg(id = "estimator-noise", long, value_name = "NAME=VALUE,…", value_parser = parse_noise)]
     #[serde(rename = "noise", skip_serializing_if = "Option::is_none")]
     pub noise: Option<Noise>,
@@ -63,6 +69,22 @@ pub const STALE_LIMIT_MS: &str = "stale_limit_ms";
 
 /// The names of the noise of a kind.
 const STATE_NOISE: [&str; 3] = ["velocity", "height", "leg-length"];
+
+/// Those of raw sensors, in the order of [`SensorNoise::figures`].
+const INERTIAL_NOISE: [&str; 12] = [
+    "acceleration",
+    "acceleration-bias",
+    "acceleration-scale",
+    "bias-walk",
+    "acceleration-range",
+    "pitch",
+    "pitch-walk",
+    "leg-length",
+    "leg-angle",
+    "velocity",
+    "height",
+    "pressure",
+];
 
 fn parse_noise(text: &str) -> Result<Noise, String> {
     text.split(',')
@@ -115,6 +137,11 @@ impl LawSettings {
                 )
                 .map_err(error)?;
                 Estimator::State { velocity_m_s, height_m, leg_length_m }
+            }
+            Some(EstimatorKind::Inertial) => {
+                let usual = SensorNoise::default().figures();
+                let figures = values(&noise, INERTIAL_NOISE, usual).map_err(error)?;
+                Estimator::Inertial { figures }
             }
             readings => {
                 values(&noise, [], []).map_err(error)?;
@@ -194,6 +221,9 @@ pub fn parts(estimator: Estimator) -> (String, Vec<(String, f32)>) {
             let values = [velocity_m_s, height_m, leg_length_m];
             ("state", STATE_NOISE.map(str::to_owned).into_iter().zip(values).collect())
         }
+        Estimator::Inertial { figures } => {
+            ("inertial", INERTIAL_NOISE.map(str::to_owned).into_iter().zip(figures).collect())
+        }
     };
     (name.to_owned(), noise)
 }
@@ -252,6 +282,7 @@ impl Channels {
     pub fn needed_by(estimator: Estimator) -> Self {
         match estimator {
             Estimator::Readings | Estimator::State { .. } => Self { state: true, inertial: false },
+            Estimator::Inertial { .. } => Self { state: false, inertial: true },
         }
     }
 
@@ -322,8 +353,13 @@ mod tests {
     #[test]
     fn the_settings_of_a_law_give_it_bit_for_bit() {
         for (velocity_m_s, height_m) in [(0.1, 1.0 / 3.0), (1e-4, 999.9), (0.7, 2.0 / 7.0)] {
-            let estimator = Estimator::State { velocity_m_s, height_m, leg_length_m: 0.001 };
-            for ns in [50_000, 12_345_678, 10_000_000, 999_999_999] {
+            let state = Estimator::State { velocity_m_s, height_m, leg_length_m: 0.001 };
+            let mut figures = SensorNoise::default().figures();
+            figures[0] = velocity_m_s;
+            figures[10] = height_m;
+            let inertial = Estimator::Inertial { figures };
+            let limits = [50_000, 12_345_678, 10_000_000, 999_999_999];
+            for (ns, estimator) in limits.into_iter().flat_map(|ns| [(ns, state), (ns, inertial)]) {
                 let settings = LawSettings::of(Some(estimator), ns);
                 assert_eq!(settings.estimator(), Ok(Some(estimator)));
                 assert_eq!(settings.stale_limit_ns(), Ok(ns));

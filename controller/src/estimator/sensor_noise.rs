@@ -100,4 +100,37 @@ impl SensorNoise {
             pressure_pa,
         ]
     }
+
+    /// Returns the noise of these figures, the inverse of [`Self::figures`].
+    #[must_use]
+    pub fn from_figures(figures: [f32; 12]) -> Self {
+        let [
+            acceleration_density,
+            acceleration_bias_m_s2,
+            acceleration_scale,
+            bias_walk,
+            acceleration_range_m_s2,
+            pitch_rad,
+            pitch_walk,
+            leg_length_m,
+            leg_angle_rad,
+            velocity_m_s,
+            height_m,
+            pressure_pa,
+        ] = figures;
+        Self {
+            acceleration_density,
+            acceleration_bias_m_s2,
+            acceleration_scale,
+            bias_walk,
+            acceleration_range_m_s2,
+            pitch_rad,
+            pitch_walk,
+            leg_length_m,
+            leg_angle_rad,
+            velocity_m_s,
+            height_m,
+            pressure_pa,
+        }
+    }
 }

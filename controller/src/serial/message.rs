@@ -194,6 +194,11 @@ pub enum Estimator {
         /// Of the leg length, m.
         leg_length_m: f32,
     },
+    /// An estimate from accelerometer, encoders of the leg and contact.
+    Inertial {
+        /// The figures of [`crate::estimator::SensorNoise`] in their order.
+        figures: [f32; 12],
+    },
 }
 
 /// What makes a tick.

@@ -10,7 +10,7 @@ use super::message::{
 };
 use crate::config::{Config, ConfigError, Estimation, RATE_HZ, STALE_LIMIT_NS};
 #[cfg(feature = "estimator")]
-use crate::estimator::StateNoise;
+use crate::estimator::{SensorNoise, StateNoise};
 use crate::guard::{Limits, SAFE_AFTER_NS};
 use crate::policy::Policy;
 use crate::wire::{Command, Sample};
@@ -52,8 +52,12 @@ impl TryFrom<Estimator> for Estimation {
             Estimator::State { velocity_m_s, height_m, leg_length_m } => {
                 Ok(Self::StateChannels(StateNoise { velocity_m_s, height_m, leg_length_m }))
             }
+            #[cfg(feature = "estimator")]
+            Estimator::Inertial { figures } => {
+                Ok(Self::Inertial(SensorNoise::from_figures(figures)))
+            }
             #[cfg(not(feature = "estimator"))]
-            Estimator::State { .. } => Err(ConfigError::NoEstimator),
+            Estimator::State { .. } | Estimator::Inertial { .. } => Err(ConfigError::NoEstimator),
         }
     }
 }

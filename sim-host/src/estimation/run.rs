@@ -88,7 +88,8 @@ pub(super) fn play(
     estimates: bool,
 ) -> Result<Played, ConfigError> {
     let scenario = scenario(case, media, seed).expect("a test creates every scenario");
-    let estimation = if estimates { scenario.sensors.estimation() } else { Estimation::Readings };
+    let estimation =
+        if estimates { scenario.sensors.estimator().try_into()? } else { Estimation::Readings };
     let config = Config::at_rate(scenario.rate_hz)?
         .with_gravity(scenario.controller_gravity_m_s2())?
         .with_stale_limit(scenario.stale_limit_ns)?

@@ -243,6 +243,14 @@ impl Scenario {
         let sensor_profile = s.sensors.unwrap_or_default();
         let sensors = Figures::check(sensor_profile, &s.sensor_figures)
             .map_err(|cause| BadValue { key: "sensor", what: cause.to_string() })?;
+        let estimator = match s.controller.estimator().map_err(law)? {
+            // What the sensors of the run are known for.
+            Some(Estimator::Inertial { .. }) if s.controller.noise.is_none() => {
+                Some(Estimator::Inertial { figures: sensors.stated().figures() })
+            }
+            None if sensor_profile != SensorProfile::Ideal => Some(sensors.estimator()),
+            given => given,
+        };
         let run = faults::RunParameters { seed, rate_hz, density_is_measured, sensors: &sensors };
         let faults = Faults::check(&s.faults, &run)
             .map_err(|cause| BadValue { key: "fault", what: cause.to_string() })?;
@@ -266,7 +274,7 @@ impl Scenario {
             sensors,
             faults,
             stale_limit_ns: s.controller.stale_limit_ns().map_err(law)?,
-            estimator: s.controller.estimator().map_err(law)?,
+            estimator,
         })
     }
 }

@@ -1,7 +1,7 @@
 //! What an estimator is told of the sensors.
 
-use leg_control::config::Estimation;
 use leg_control::estimator::{SensorNoise, StateNoise};
+use leg_control::serial::message::Estimator;
 
 use super::catalog::Figures;
 use super::figure::{Quantity, Sensor};
@@ -12,19 +12,21 @@ const SPEED_M_S: f64 = 1.0;
 const HEIGHT_M: f64 = 2.0;
 
 impl Figures {
-    /// Returns the estimator for these sensors, with their noise stated: from raw sensors where
-    /// the leg has an accelerometer or encoders of both joints; else from the state's channels,
-    /// whose noise it measures itself.
+    /// Returns the estimator for these sensors: from the state's channels where the leg senses
+    /// them, for their noise is measured; else from raw sensors, with their noise stated.
     #[must_use]
-    pub fn estimation(&self) -> Estimation {
-        if self.has(Sensor::Accelerometer) || self.has(Sensor::LegAngle) {
-            Estimation::Inertial(self.stated())
+    pub fn estimator(&self) -> Estimator {
+        if self.has(Sensor::State) {
+            let StateNoise { velocity_m_s, height_m, leg_length_m } = StateNoise::default();
+            Estimator::State { velocity_m_s, height_m, leg_length_m }
         } else {
-            Estimation::StateChannels(StateNoise::default())
+            Estimator::Inertial { figures: self.stated().figures() }
         }
     }
 
-    fn stated(&self) -> SensorNoise {
+    /// Returns the noise of raw sensors as these figures state it.
+    #[must_use]
+    pub fn stated(&self) -> SensorNoise {
         let of = |sensor, quantity| self.of(sensor, quantity);
         // Uniform within a step of the resolution.
         let rounding = |sensor| of(sensor, Quantity::Resolution) / 12_f64.sqrt();

@@ -68,7 +68,11 @@ fn requests() -> Vec<Request<'static>> {
 
 fn estimators() -> Vec<Estimator> {
     let (velocity_m_s, height_m, leg_length_m) = (0.125, 0.375, 0.0625);
-    vec![Estimator::Readings, Estimator::State { velocity_m_s, height_m, leg_length_m }]
+    vec![
+        Estimator::Readings,
+        Estimator::State { velocity_m_s, height_m, leg_length_m },
+        Estimator::Inertial { figures: [0.75; 12] },
+    ]
 }
 
 fn modes() -> Vec<Mode> {
