@@ -103,7 +103,7 @@ impl fmt::Display for Report {
         writeln!(f, "{runs} runs of each case, 0.5 m/s, policy `{policy}`, {by}\n")?;
         writeln!(
             f,
-            "  {:<14}{:<7}{:>5}{:>9}  {:<15}{:>6}{:>6}{:>8}   {:<24}{:>5}   {}",
+            "  {:<14}{:<7}{:>5}{:>9}  {:<15}{:>6}{:>6}{:>8}   {:<24}{:>5}   nees: vx, y, vy, density",
             "case",
             "medium",
             "hops",
@@ -113,8 +113,7 @@ impl fmt::Display for Report {
             "not 1",
             "|error|",
             "rms: vx, y, density",
-            "nis",
-            "nees: vx, y, vy, density"
+            "nis"
         )?;
         for row in &self.rows {
             let missed = if row.reaches_its_goal() { "" } else { "  below its goal" };
