@@ -1,12 +1,11 @@
 //! The boards of the firmware: machine in the emulator, chip at the probe, images.
 
 use std::path::PathBuf;
-use std::process::Command;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use object::{Object, ObjectSymbol, SymbolKind};
 
-use crate::checkout;
+use crate::firmware::Build;
 
 /// A board of `controller/firmware`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,23 +60,10 @@ impl Board {
     /// # Errors
     /// Fails if cargo fails.
     pub fn build_with(self, features: &str) -> Result<Image> {
-        // One folder per board, so that changing boards rebuilds nothing.
-        let target = checkout().join("target/firmware").join(self.name).join(features);
-        let status = Command::new(env!("CARGO"))
-            .args(["build", "--quiet", "--release", "--no-default-features", "--features"])
-            .arg(format!("{},{features}", self.name))
-            .arg("--target-dir")
-            .arg(&target)
-            // Cargo reads target and link arguments from the configuration in this folder.
-            .current_dir(checkout().join("controller/firmware"))
-            .env_remove("CARGO_TARGET_DIR")
-            .env_remove("RUSTFLAGS")
-            .status()
-            .context("cannot start cargo")?;
-        if !status.success() {
-            bail!("the firmware for {} does not build ({status})", self.name);
-        }
-        let path = target.join("thumbv7em-none-eabihf/release/firmware");
+        let all = format!("{},{features}", self.name);
+        let all = all.trim_end_matches(',');
+        let build = Build { name: all, features: all, programs: &["firmware"], flags: None };
+        let path = build.run()?.join("firmware");
         Ok(Image { board: self, path })
     }
 }

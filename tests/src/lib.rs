@@ -3,6 +3,7 @@
 pub mod board;
 pub mod browser;
 pub mod emulator;
+pub mod firmware;
 
 pub use requirements::checkout;
 

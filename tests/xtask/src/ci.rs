@@ -1,21 +1,18 @@
-//! `cargo xtask ci`: every check, the cheapest first.
+//! `cargo xtask ci`: every check.
 
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::path::Path;
+use std::time::Instant;
 
 use anyhow::{Context, Result};
-use harness::checkout;
+use harness::{checkout, firmware};
 use requirements::Requirement;
 
 use crate::step::Step;
-use crate::{budget, chaos, examples, hil, image, setup};
+use crate::{chaos, examples, lanes, setup};
 
 /// Ticks of the shore scenario that the emulated board plays.
 const HIL_TICKS: u64 = 10_000;
-
-/// The firmware's own workspace.
-const FIRMWARE: &str = "controller/firmware";
 
 /// The packages that can be published, in the order of their dependencies.
 const PACKAGES: &str = "package -p leg-kernel-m4f -p leg-control -p leg-plant";
@@ -30,11 +27,12 @@ const INSTALLED: [Requirement; 6] = [
     Requirement::Chromium,
 ];
 
-fn checks() -> Vec<Step> {
+/// The steps in the order of their cost: lints, documentation, tests.
+fn in_front(skipped: &Path) -> Vec<Step> {
     let cargo = |name, args| Step::new(name, "cargo", args);
     vec![
         cargo("format", "fmt --all --check"),
-        cargo("format of the firmware", "fmt --check").within(FIRMWARE),
+        cargo("format of the firmware", "fmt --check").within(firmware::FOLDER),
         cargo(
             "lints of leg-control on a Cortex-M4F",
             "clippy -p leg-control --all-features --target thumbv7em-none-eabihf -- -D warnings",
@@ -49,52 +47,84 @@ fn checks() -> Vec<Step> {
         ),
         // All targets: this compiles the benches too.
         cargo("lints", "clippy --workspace --all-targets -- -D warnings"),
-        cargo("lints of the firmware", "clippy --release --features minimal -- -D warnings")
-            .within(FIRMWARE),
+        cargo("documentation", "doc --workspace --no-deps").with_env("RUSTDOCFLAGS", "-D warnings"),
+        cargo("tests, doctests", "test --workspace")
+            .with_env("LEG_REQUIRE", required())
+            .with_env("LEG_SKIPPED", skipped.display().to_string()),
+        // Allowed to be dirty: a developer runs this before the commit.
+        cargo("packages for crates.io", PACKAGES).with("--allow-dirty"),
+    ]
+}
+
+/// The steps of the firmware that the tests do not need; they build into a folder of their own.
+fn of_firmware(xtask: &str, temporary: &Path) -> Vec<Step> {
+    let target = firmware::target_folder().display().to_string();
+    let cargo = |name, args| {
+        let step = Step::new(name, "cargo", args).within(firmware::FOLDER);
+        step.with_env("CARGO_TARGET_DIR", target.clone())
+    };
+    vec![
+        cargo("lints of the firmware", "clippy --release --features minimal -- -D warnings"),
         cargo(
             "lints of the firmware for the STM32F405",
             "clippy --release --no-default-features --features stm32f405 -- -D warnings",
+        ),
+        Step::new("firmware without a panic", xtask, "image"),
+        // The emulator's socket goes into the folder of temporary files.
+        cargo(
+            "the minimal firmware in the emulator",
+            "run --release --bin minimal --features minimal",
         )
-        .within(FIRMWARE),
-        cargo("documentation", "doc --workspace --no-deps").with_env("RUSTDOCFLAGS", "-D warnings"),
+        .with_env("TMPDIR", temporary.display().to_string()),
+        Step::new("budgets of the firmware", xtask, "budget"),
+    ]
+}
+
+/// The steps that need the release build, which has a folder of its own too.
+fn of_release(xtask: &str) -> Vec<Step> {
+    vec![
+        Step::new("the shore, release build", "cargo", "run --release -- --json"),
+        Step::new("hardware in the loop", xtask, "hil").with(&format!("--ticks {HIL_TICKS}")),
     ]
 }
 
 /// Runs every check; prints the skipped tests and the time of each step.
 pub(crate) fn run() -> Result<()> {
-    let mut times = Times::default();
-    times.measure("setup", setup::run)?;
-    for check in checks() {
-        times.step(&check)?;
-    }
+    let begun = Instant::now();
+    println!("\n=== setup");
+    setup::run()?;
+    let mut times = vec![("setup", begun.elapsed())];
 
-    let skipped = checkout().join("target/skipped-tests.txt");
-    clear(&skipped)?;
-    let tests = Step::new("tests, doctests", "cargo", "test --workspace")
-        .with_env("LEG_REQUIRE", required())
-        .with_env("LEG_SKIPPED", skipped.display().to_string());
-    times.step(&tests)?;
-    times.measure("examples", examples::run)?;
-    // Allowed to be dirty: a developer runs this before the commit.
-    times.step(&Step::new("packages for crates.io", "cargo", PACKAGES).with("--allow-dirty"))?;
-    times.step(&Step::new("the shore, release build", "cargo", "run --release -- --json"))?;
-    times.measure("cargo xtask chaos --kills 20", || chaos::run(&chaos::Args::short()))?;
-    times.measure("cargo xtask image", image::run)?;
-    // The emulator's socket goes into the folder of temporary files.
-    let minimal = Step::new(
-        "the minimal firmware in the emulator",
-        "cargo",
-        "run --release --bin minimal --features minimal",
-    );
-    let temporary = checkout().join("target").canonicalize().context("no folder target")?;
-    let minimal = minimal.within(FIRMWARE).with_env("TMPDIR", temporary.display().to_string());
-    times.step(&minimal)?;
-    times.measure("cargo xtask budget", || budget::run(&budget::Args::default()))?;
-    let hil = hil::Args::emulated(HIL_TICKS);
-    times.measure("cargo xtask hil --ticks 10000", || hil::run(&hil))?;
+    let target = checkout().join("target");
+    fs::create_dir_all(&target).with_context(|| format!("cannot create {}", target.display()))?;
+    let target = target.canonicalize().context("no folder target")?;
+    let skipped = target.join("skipped-tests.txt");
+    fs::write(&skipped, "").with_context(|| format!("cannot write {}", skipped.display()))?;
+    // `cargo test` replaces the file of this program; those beside the tests start a copy.
+    let folder = tempfile::tempdir_in(&target).context("cannot create a temporary folder")?;
+    let xtask = folder.path().join("xtask");
+    let this = std::env::current_exe().context("no path of this program")?;
+    fs::copy(&this, &xtask).with_context(|| format!("cannot copy {}", this.display()))?;
+    let xtask = xtask.to_str().context("the path of this repository is not UTF-8")?;
+
+    let beside = [of_firmware(xtask, &target), of_release(xtask)];
+    times.extend(lanes::run(&in_front(&skipped), &beside)?);
+    // The processes of these run in real time, so nothing runs beside them.
+    let mut measure = |name, run: &dyn Fn() -> Result<()>| {
+        println!("\n=== {name}");
+        let begun = Instant::now();
+        run()?;
+        times.push((name, begun.elapsed()));
+        anyhow::Ok(())
+    };
+    measure("examples", &examples::run)?;
+    measure("cargo xtask chaos --kills 20", &|| chaos::run(&chaos::Args::short()))?;
 
     println!("\nall passed");
-    times.print();
+    times.push(("in all, some at the same time", begun.elapsed()));
+    for (name, time) in times {
+        println!("{:>7.1} s  {name}", time.as_secs_f64());
+    }
     print_skipped(&skipped)
 }
 
@@ -107,41 +137,9 @@ fn required() -> String {
     all.map(Requirement::name).collect::<Vec<_>>().join(",")
 }
 
-fn clear(log: &Path) -> Result<()> {
-    let folder: PathBuf = log.parent().context("the log has no folder")?.into();
-    fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
-    fs::write(log, "").with_context(|| format!("cannot write {}", log.display()))
-}
-
 fn print_skipped(log: &Path) -> Result<()> {
     let text = fs::read_to_string(log).with_context(|| format!("cannot read {}", log.display()))?;
     println!("\n{} tests were skipped", text.lines().count());
     print!("{text}");
     Ok(())
-}
-
-/// How long each step took.
-#[derive(Default)]
-struct Times(Vec<(&'static str, Duration)>);
-
-impl Times {
-    fn step(&mut self, step: &Step) -> Result<()> {
-        self.0.push((step.name, step.run()?));
-        Ok(())
-    }
-
-    fn measure(&mut self, name: &'static str, run: impl FnOnce() -> Result<()>) -> Result<()> {
-        println!("\n=== {name}");
-        let start = Instant::now();
-        run()?;
-        self.0.push((name, start.elapsed()));
-        Ok(())
-    }
-
-    fn print(&self) {
-        let total: Duration = self.0.iter().map(|(_, time)| *time).sum();
-        for (name, time) in self.0.iter().copied().chain([("in all", total)]) {
-            println!("{:>7.1} s  {name}", time.as_secs_f64());
-        }
-    }
 }

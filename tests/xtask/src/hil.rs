@@ -33,13 +33,6 @@ pub(crate) struct Args {
     serial: Option<PathBuf>,
 }
 
-impl Args {
-    /// Returns the arguments for a number of ticks on the default board in the emulator.
-    pub(crate) fn emulated(ticks: u64) -> Self {
-        Self { board: BOARDS[0], ticks: Some(ticks), policy: None, serial: None }
-    }
-}
-
 pub(crate) fn run(args: &Args) -> Result<()> {
     let shipped = checkout().join("controller/policies/robust.bin");
     let policy = args.policy.as_ref().unwrap_or(&shipped);

@@ -7,6 +7,7 @@ mod examples;
 mod flash;
 mod hil;
 mod image;
+mod lanes;
 mod programs;
 mod setup;
 mod soak;

@@ -15,14 +15,14 @@ mod size;
 mod stack;
 mod trace;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use budgets::{Budgets, Measured};
 use harness::board::BOARDS;
 use harness::checkout;
+use harness::firmware::Build;
 use profile::Profile;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::path::PathBuf;
 
 /// The committed budgets.
 const BUDGETS: &str = "controller/firmware/budgets.toml";
@@ -111,23 +111,14 @@ struct Images {
 impl Images {
     /// Builds the images with the flags of the firmware, or with other ones.
     fn build(flags: Option<&str>) -> Result<Self> {
-        // One folder per set of flags, so that changing flags rebuilds nothing.
-        let target =
-            checkout().join("target/firmware").join(flags.map_or("bench", |_| "bench-vmla"));
-        let mut cargo = Command::new(env!("CARGO"));
-        cargo
-            .args(["build", "--quiet", "--release", "--features", "bench"])
-            .args(["--bin", "measure", "--bin", "compare", "--target-dir"])
-            .arg(&target)
-            .current_dir(checkout().join("controller/firmware"))
-            .env_remove("CARGO_TARGET_DIR")
-            .env_remove("RUSTFLAGS");
-        if let Some(flags) = flags {
-            cargo.env("RUSTFLAGS", flags);
+        let folder = Build {
+            name: flags.map_or("bench", |_| "bench-vmla"),
+            features: "mps2-an386,bench",
+            programs: &["measure", "compare"],
+            flags,
         }
-        let status = cargo.status().context("cannot start cargo")?;
-        ensure!(status.success(), "the bench images do not build ({status})");
-        let at = |name: &str| Path::new(&target).join("thumbv7em-none-eabihf/release").join(name);
+        .run()?;
+        let at = |name: &str| folder.join(name);
         Ok(Self { measure: at("measure"), compare: at("compare") })
     }
 }
