@@ -170,7 +170,7 @@ impl<const X: usize, const H: usize, const E: usize, const O: usize, const P: us
             start: PerRow(|o: usize| third[o][H]),
             finish: Linear,
         }
-        .into::<S, 10, 5>(simd, &mut pass.outputs);
+        .into::<S, O, O>(simd, &mut pass.outputs);
     }
 
     /// Computes the slopes of the second layer's sums from `pass.output_slopes`.
@@ -247,7 +247,7 @@ impl<const X: usize, const H: usize, const E: usize, const O: usize, const P: us
     ) {
         self.back_to_second(simd, pass);
         let second = &self.rows[Self::SECOND..Self::THIRD];
-        if E > 0 {
+        if const { E > 0 } {
             Product {
                 a: Transposed::from(second, H),
                 m: &pass.second_slopes,

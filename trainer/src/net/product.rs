@@ -167,30 +167,32 @@ pub(crate) struct Product<'a, A, I, F, const N: usize> {
 
 impl<A: Left, I: Start, F: Finish, const N: usize> Product<'_, A, I, F, N> {
     /// Writes all rows of `out`, `MANY` at a time, or `FEW` where registers are few.
+    ///
+    /// A remainder would need tiles of every smaller height. No shape of a network has one, and
+    /// compiling those tiles, for each product, shape and instruction set, would take most of
+    /// the time that this crate takes.
+    ///
+    /// # Panics
+    /// If the number of rows is not a multiple of `MANY`.
     #[inline(always)]
     pub(crate) fn into<S: Simd, const MANY: usize, const FEW: usize>(
         self,
         simd: S,
         out: &mut [Row<N>],
     ) {
+        const { assert!(MANY.is_multiple_of(FEW), "what is whole by MANY is whole by FEW") };
+        assert!(out.len().is_multiple_of(MANY), "the rows are not a whole number of tiles");
         let mut first = 0;
         if S::MANY_REGISTERS {
-            while first + MANY <= out.len() {
+            while first < out.len() {
                 self.row_tile::<S, MANY>(simd, out, first);
                 first += MANY;
             }
         } else {
-            while first + FEW <= out.len() {
+            while first < out.len() {
                 self.row_tile::<S, FEW>(simd, out, first);
                 first += FEW;
             }
-        }
-        while first + 2 <= out.len() {
-            self.row_tile::<S, 2>(simd, out, first);
-            first += 2;
-        }
-        if first < out.len() {
-            self.row_tile::<S, 1>(simd, out, first);
         }
     }
 
@@ -204,7 +206,7 @@ impl<A: Left, I: Start, F: Finish, const N: usize> Product<'_, A, I, F, N> {
             column += wide;
         }
         // The remaining columns are fewer than a wide piece.
-        match N % wide {
+        match const { N % S::Wide::LANES } {
             24 => self.tile::<Pair<S::V16, S::V8>, R>(simd, out, first, column),
             16 => self.tile::<S::V16, R>(simd, out, first, column),
             8 => self.tile::<S::V8, R>(simd, out, first, column),
