@@ -1,8 +1,8 @@
 //! The motion of the last quarter of a second, for readings that come late.
 
 /// Entries, and the time between two of them, ns.
-const ENTRIES: usize = 32;
-const EVERY_NS: u64 = 8_000_000;
+const ENTRIES: usize = 16;
+const EVERY_NS: u64 = 16_000_000;
 
 /// Velocities, m/s, and height, m, at a time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -100,7 +100,7 @@ mod tests {
     fn returns_the_motion_at_any_time_of_the_last_quarter_of_a_second() {
         let mut history = History::default();
         (0..1_000).for_each(|ms| history.push(at(ms)));
-        for age_ms in [0_u16, 1, 5, 8, 100, 239] {
+        for age_ms in [0_u16, 1, 5, 16, 100, 231] {
             let found = history.before(at(1_000), u32::from(age_ms) * 1_000_000).unwrap();
             let expected = at(1_000 - age_ms);
             assert_eq!(found.t_ns, expected.t_ns);

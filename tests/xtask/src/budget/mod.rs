@@ -70,12 +70,15 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     }
 
     let mut measured = counts(&profiles);
-    measured.extend(size::of(&BOARDS[0].build()?.path)?);
-    measured.push(Measured {
-        metric: "deepest stack".to_owned(),
-        unit: "bytes",
-        value: stack::deepest(BOARDS[0])?,
-    });
+    for (features, with) in [("", ""), (stack::ESTIMATOR, " with the estimator")] {
+        let [flash, ram] = size::of(&BOARDS[0].build_with(features)?.path)?;
+        let value = stack::deepest(BOARDS[0], features)?;
+        let stack = Measured { metric: "deepest stack".to_owned(), unit: "bytes", value };
+        measured.extend([flash, ram, stack].map(|one| Measured {
+            metric: format!("{}{with}", one.metric),
+            ..one
+        }));
+    }
     let path = checkout().join(BUDGETS);
     let budgets = Budgets::read(&path)?;
     println!("{}", budgets.table(&measured));
