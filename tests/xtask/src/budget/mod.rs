@@ -74,10 +74,10 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         let [flash, ram] = size::of(&BOARDS[0].build_with(features)?.path)?;
         let value = stack::deepest(BOARDS[0], features)?;
         let stack = Measured { metric: "deepest stack".to_owned(), unit: "bytes", value };
-        measured.extend([flash, ram, stack].map(|one| Measured {
-            metric: format!("{}{with}", one.metric),
-            ..one
-        }));
+        measured.extend(
+            [flash, ram, stack]
+                .map(|one| Measured { metric: format!("{}{with}", one.metric), ..one }),
+        );
     }
     let path = checkout().join(BUDGETS);
     let budgets = Budgets::read(&path)?;
