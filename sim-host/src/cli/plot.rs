@@ -10,7 +10,8 @@ use crate::plot::{PlotData, picture};
 use leg_process::{atomic_file, stderr};
 
 /// Plots a recording over time: height, velocity at each apex and set-point,
-/// density, commands, events, and where a safe command was in force.
+/// density, commands, events, and where a safe command was in force; the estimates of
+/// a controller, where they are recorded, against the truth.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// Recording made by `sim-host run --record`.

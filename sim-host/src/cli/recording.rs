@@ -3,6 +3,7 @@
 use leg_process::stderr;
 use std::path::Path;
 
+use leg_control::estimator::Estimate;
 use leg_control::policy::Policy;
 use leg_control::serial::message::Estimator;
 use leg_host::TimeMode;
@@ -78,10 +79,10 @@ impl Recording {
         }))
     }
 
-    /// Records a tick.
-    pub(super) fn push(&mut self, tick: &TickRecord<'_>) {
+    /// Records a tick, and the estimate of a controller in this process after its sample.
+    pub(super) fn push(&mut self, tick: &TickRecord<'_>, estimate: Option<Estimate>) {
         if let Some(active) = &mut self.0 {
-            active.tap.push(tick);
+            active.tap.push_estimated(tick, estimate);
         }
     }
 
@@ -110,7 +111,7 @@ impl Recording {
 
 impl Hooks for Recording {
     fn observe(&mut self, tick: &TickRecord<'_>) {
-        self.push(tick);
+        self.push(tick, None);
     }
 
     fn before_end(&mut self) {

@@ -9,9 +9,9 @@ use leg_process::{stderr, stdout};
 use super::{hint, misuse};
 use crate::replay::{self, ReplayError};
 
-/// Feeds the samples of a recording to a controller and compares its commands
-/// with the recorded ones bit for bit. Exit status 0 if all are equal, 1 if one differs
-/// or a part could not be compared.
+/// Feeds the samples of a recording to a controller and compares its commands, and its
+/// estimates where they are recorded, with the recorded ones bit for bit. Exit status 0 if
+/// all are equal, 1 if one differs or a part could not be compared.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// Recording made by `sim-host run --record`.

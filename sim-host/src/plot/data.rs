@@ -4,10 +4,13 @@ use std::ops::Range;
 use std::path::Path;
 
 use leg_control::wire::flags;
+use leg_plant::Ground;
 
+use super::estimates::{self, Estimates};
+use crate::faults::Terrain;
 use crate::record::contents::Contents;
 use crate::record::read::ReadError;
-use crate::record::schema::{AnyMessage, Apex, Command, Event, Sample, State};
+use crate::record::schema::{AnyMessage, Apex, Command, Estimate, Event, Sample, State};
 use crate::scenario::{Scenario, Settings};
 
 /// Points of a line, at least this and at most twice this many; more could not be
@@ -44,20 +47,22 @@ pub struct PlotData {
     pub(super) events: Vec<Event>,
     /// Spans under a safe command, s.
     pub(super) safe: Vec<Range<f64>>,
+    /// What the controller's estimator held.
+    pub(super) estimates: Estimates,
     /// Spans missing from the recording, s.
     pub(super) gaps: Vec<Range<f64>>,
 }
 
 /// A line that drops every second point when it grows too long.
 #[derive(Debug, Default)]
-struct DecimatedLine {
-    line: Line,
+pub(super) struct DecimatedLine {
+    pub(super) line: Line,
     stride: usize,
     seen: usize,
 }
 
 impl DecimatedLine {
-    fn push(&mut self, t_s: f64, value: f64) {
+    pub(super) fn push(&mut self, t_s: f64, value: f64) {
         if self.seen.is_multiple_of(self.stride.max(1)) {
             self.line.push((t_s, value));
             if self.line.len() >= 2 * POINTS {
@@ -101,6 +106,7 @@ impl PlotData {
                 AnyMessage::Sample(sample) => builder.sample(&sample),
                 AnyMessage::Command(command) => builder.command(&command),
                 AnyMessage::State(state) => builder.state(&state),
+                AnyMessage::Estimate(estimate) => builder.estimate(&estimate),
                 AnyMessage::Apex(apex) if builder.span.contains(&apex.t_s) => {
                     builder.data.apexes.push(apex);
                 }
@@ -144,6 +150,9 @@ struct Builder {
     velocity: DecimatedLine,
     leg_angle: DecimatedLine,
     elongation: DecimatedLine,
+    /// Uneven ground, of which estimates of the height count.
+    terrain: Option<Terrain>,
+    estimates: estimates::Builder,
 }
 
 impl Builder {
@@ -159,6 +168,8 @@ impl Builder {
             velocity: DecimatedLine::default(),
             leg_angle: DecimatedLine::default(),
             elongation: DecimatedLine::default(),
+            terrain: None,
+            estimates: estimates::Builder::default(),
         }
     }
 
@@ -168,6 +179,7 @@ impl Builder {
         let settings = Settings::from_toml(scenario).ok();
         if let Some(scenario) = settings.and_then(|s| Scenario::from_settings(&s).ok()) {
             self.max_elongation_m = scenario.leg.parameters().max_elongation_m;
+            self.terrain = scenario.faults.terrain();
         }
     }
 
@@ -217,7 +229,14 @@ impl Builder {
         }
     }
 
+    fn estimate(&mut self, estimate: &Estimate) {
+        let t_s = self.time_s(0) + 1e-9 * estimate.t_ns as f64;
+        self.estimates.estimate(t_s, estimate, 1.0 / self.rate_hz, &self.span);
+    }
+
     fn state(&mut self, state: &State) {
+        let ground_m = self.terrain.map_or(0.0, |terrain| Ground::height_m(&terrain, state.x_m));
+        self.estimates.state(self.time_s(state.seq), state, ground_m, &self.span);
         let Some(t_s) = self.time_in_span(state.seq) else { return };
         self.height.push(t_s, state.y_m);
         self.velocity.push(t_s, state.vx_m_s);
@@ -230,6 +249,7 @@ impl Builder {
         data.velocity = self.velocity.line;
         data.leg_angle = self.leg_angle.line;
         data.elongation = self.elongation.line;
+        data.estimates = self.estimates.finish();
         // Step lines continue to the end.
         let end_s = data.span().end;
         for line in [&mut data.set_point, &mut data.density] {

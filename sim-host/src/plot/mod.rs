@@ -1,6 +1,7 @@
 //! Plots a recording.
 
 mod data;
+mod estimates;
 pub mod picture;
 
 pub use data::PlotData;

@@ -22,6 +22,7 @@ pub fn draw(data: &PlotData) -> Result<String, DrawError> {
         .row(120, vec![density(data)])
         .row(120, vec![leg_angle(data)])
         .row(120, vec![elongation(data)])
+        .rows(150, data.estimates.rows(&data.span()))
         .draw()
 }
 

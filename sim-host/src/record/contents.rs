@@ -25,6 +25,8 @@ pub struct Contents {
     pub set_points: Vec<SetPoint>,
     /// How the control law ran, where the file tells; every one that differs from the others.
     pub laws: Vec<Law>,
+    /// Whether the file has estimates of the controller.
+    pub has_estimates: bool,
     /// Log time, ns, run id and number of the first tick.
     first: Option<(u64, u32, u64)>,
     /// Number of samples.
@@ -52,6 +54,7 @@ impl Contents {
             policies: Vec::new(),
             set_points: Vec::new(),
             laws: Vec::new(),
+            has_estimates: false,
             first: None,
             ticks: 0,
             commands: 0,
@@ -94,6 +97,7 @@ impl Contents {
                 self.ticks += 1;
             }
             AnyMessage::Command(command) if command.is_new => self.commands += 1,
+            AnyMessage::Estimate(_) => self.has_estimates = true,
             AnyMessage::End(end) => self.dropped = Some(end.dropped),
             _ => (),
         }
@@ -139,8 +143,8 @@ impl Contents {
         self.flaw.clone()
     }
 
-    /// Reads the messages: the samples, commands and states in the order of their ticks, none
-    /// twice.
+    /// Reads the messages: the samples, commands, states and estimates in the order of
+    /// their ticks, none twice.
     ///
     /// # Errors
     /// [`ReadError`] if reading fails, or the messages must be sorted and are too many.
@@ -172,6 +176,7 @@ fn rank_in_tick(message: &AnyMessage) -> Option<u8> {
         AnyMessage::Sample(_) => Some(0),
         AnyMessage::Command(_) => Some(1),
         AnyMessage::State(_) => Some(2),
+        AnyMessage::Estimate(_) => Some(3),
         _ => None,
     }
 }

@@ -90,6 +90,7 @@ channels! {
     Law = "/law",
     Loop = "/loop",
     End = "/end",
+    Estimate = "/estimate",
 }
 
 impl From<&wire::Sample> for Sample {
@@ -123,6 +124,41 @@ impl From<&Sample> for wire::Sample {
             leg_length_m: s.leg_length_m,
             density_ratio: s.density_ratio,
             sensors: s.sensors.as_ref().map(Into::into).unwrap_or_default(),
+        }
+    }
+}
+
+impl Estimate {
+    /// Converts the estimate that the controller holds after the sample of tick `seq`.
+    #[must_use]
+    pub fn at_tick(seq: u64, estimate: &leg_control::estimator::Estimate) -> Self {
+        // Destructured, so that the compiler reports a new field.
+        let leg_control::estimator::Estimate {
+            t_ns,
+            in_stance,
+            vx_m_s,
+            y_m,
+            vy_m_s,
+            density_ratio,
+            vx_variance,
+            y_variance,
+            vy_variance,
+            density_variance,
+            innovation,
+        } = *estimate;
+        Self {
+            seq,
+            t_ns,
+            in_stance,
+            vx_m_s,
+            y_m,
+            vy_m_s,
+            density_ratio,
+            vx_variance_m2_s2: vx_variance,
+            y_variance_m2: y_variance,
+            vy_variance_m2_s2: vy_variance,
+            density_variance,
+            innovation,
         }
     }
 }
@@ -235,6 +271,9 @@ mod tests {
             let decoded = Sample::decode(&*Sample::from(&sample).encode_to_vec()).unwrap();
             assert_eq!(decoded.sensors.is_some(), bits != 0);
             assert_eq!(wire::Sample::from(&decoded).sensors.height_m.to_bits(), bits);
+            let estimate = Estimate { vy_m_s: x, innovation: x, ..Estimate::default() };
+            let decoded = Estimate::decode(&*estimate.encode_to_vec()).unwrap();
+            assert_eq!([decoded.vy_m_s, decoded.innovation].map(f32::to_bits), [bits; 2]);
         }
         let state = State { x_m: -0.0, ..State::default() };
         let decoded = State::decode(&*state.encode_to_vec()).unwrap();

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
+use leg_control::estimator::Estimate;
 use leg_control::wire::{Command, Sample};
 use rtrb::{Consumer, Producer, RingBuffer};
 
@@ -41,10 +42,11 @@ pub(super) struct TickCopy {
     pub(super) round_trip: Duration,
 }
 
-/// An entry of the ring. The events of a tick follow it.
+/// An entry of the ring. The estimate at a tick, if there is one, and its events follow it.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum RingEntry {
     Tick(TickCopy),
+    Estimate(Estimate),
     Event(Event),
 }
 
@@ -101,6 +103,11 @@ impl RecordTap {
 
     /// Copies a tick and its events.
     pub fn push(&mut self, tick: &TickRecord<'_>) {
+        self.push_estimated(tick, None);
+    }
+
+    /// Copies a tick, the estimate that the controller holds after its sample, and its events.
+    pub fn push_estimated(&mut self, tick: &TickRecord<'_>, estimate: Option<Estimate>) {
         let copy = TickCopy {
             seq: tick.seq,
             t_s: tick.t_s,
@@ -112,8 +119,11 @@ impl RecordTap {
             is_new: tick.is_new,
             round_trip: tick.round_trip,
         };
-        // The time of an event is relative to its tick, so it is useless without.
+        // Estimate and events take number and time from their tick, so they are useless without.
         if self.push_entry(&RingEntry::Tick(copy)) {
+            if let Some(estimate) = estimate {
+                self.push_entry(&RingEntry::Estimate(estimate));
+            }
             for event in tick.events.iter() {
                 self.push_entry(&RingEntry::Event(*event));
             }
@@ -167,6 +177,7 @@ mod tests {
             match entry {
                 RingEntry::Tick(tick) => all.push(tick.seq),
                 RingEntry::Event(event) => assert_eq!(event.kind, EventKind::Apex),
+                RingEntry::Estimate(_) => panic!("none was pushed"),
             }
         }
         all

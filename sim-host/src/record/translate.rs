@@ -2,7 +2,7 @@
 
 use super::pipe::FrameBuffer;
 use super::schema::{
-    Apex, Command, Event, EventKind, Law, Loop, Phase, Policy, Sample, SetPoint, State,
+    Apex, Command, Estimate, Event, EventKind, Law, Loop, Phase, Policy, Sample, SetPoint, State,
 };
 use super::tap::{RingEntry, TickCopy};
 
@@ -15,7 +15,7 @@ pub(super) struct Translator {
     /// Simulated duration of the earlier runs, when the leg was put back to its
     /// start, s.
     earlier_runs_s: f64,
-    /// The tick of the events that follow.
+    /// The tick of the estimate and the events that follow.
     tick: Option<TickCopy>,
     /// An apex that the controller has not answered yet.
     unanswered: Option<Apex>,
@@ -39,6 +39,7 @@ impl Translator {
     pub(super) fn add(&mut self, entry: &RingEntry, frames: &mut FrameBuffer) {
         match entry {
             RingEntry::Tick(tick) => self.tick(tick, frames),
+            RingEntry::Estimate(estimate) => self.estimate(estimate, frames),
             RingEntry::Event(event) => self.event(event, frames),
         }
     }
@@ -80,6 +81,12 @@ impl Translator {
             self.close_apex(true, command, frames);
         }
         self.tick = Some(*tick);
+    }
+
+    fn estimate(&self, estimate: &leg_control::estimator::Estimate, frames: &mut FrameBuffer) {
+        let Some(tick) = &self.tick else { return };
+        let time_ns = self.log_time_ns(self.earlier_runs_s + tick.t_s);
+        frames.add(time_ns, &Estimate::at_tick(tick.seq, estimate));
     }
 
     fn event(&mut self, event: &leg_plant::Event, frames: &mut FrameBuffer) {

@@ -1,14 +1,16 @@
-//! Compares two commands field by field.
+//! Compares two commands, or two estimates, field by field.
 
 use leg_control::wire::{Command, Header};
 use serde::Serialize;
 
-/// A field in which two commands differ.
+use crate::record::schema::Estimate;
+
+/// A field in which two commands, or two estimates, differ.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Difference {
-    /// Tick of the sample that both commands answer.
+    /// Tick of the sample that both answer.
     pub tick: u64,
-    /// Name of the field on the wire.
+    /// Name of the field on the wire or in the recording.
     pub field: &'static str,
     /// Value and bits in the recording.
     pub recorded: Value,
@@ -46,10 +48,22 @@ impl From<u64> for Value {
 /// Returns the first field whose bits differ.
 #[must_use]
 pub fn difference(recorded: &Command, replayed: &Command) -> Option<Difference> {
-    let tick = recorded.header.seq;
-    fields(recorded)
+    first_difference(recorded.header.seq, fields(recorded), fields(replayed))
+}
+
+/// Returns the first field of two estimates at a tick whose bits differ.
+pub(super) fn estimate_difference(recorded: &Estimate, replayed: &Estimate) -> Option<Difference> {
+    first_difference(recorded.seq, estimate_fields(recorded), estimate_fields(replayed))
+}
+
+fn first_difference<const N: usize>(
+    tick: u64,
+    recorded: [(&'static str, Field); N],
+    replayed: [(&'static str, Field); N],
+) -> Option<Difference> {
+    recorded
         .into_iter()
-        .zip(fields(replayed))
+        .zip(replayed)
         .find(|((_, recorded), (_, replayed))| recorded.bits() != replayed.bits())
         .map(|((field, recorded), (_, replayed))| Difference {
             tick,
@@ -116,6 +130,38 @@ fn fields(command: &Command) -> [(&'static str, Field); 15] {
         ("apexes", U32(apexes)),
         ("rejected", U32(rejected)),
         ("set_points_refused", U32(set_points_refused)),
+    ]
+}
+
+fn estimate_fields(estimate: &Estimate) -> [(&'static str, Field); 12] {
+    use Field::{F32, U32, U64};
+    let Estimate {
+        seq,
+        t_ns,
+        in_stance,
+        vx_m_s,
+        y_m,
+        vy_m_s,
+        density_ratio,
+        vx_variance_m2_s2,
+        y_variance_m2,
+        vy_variance_m2_s2,
+        density_variance,
+        innovation,
+    } = *estimate;
+    [
+        ("seq", U64(seq)),
+        ("t_ns", U64(t_ns)),
+        ("in_stance", U32(in_stance.into())),
+        ("vx_m_s", F32(vx_m_s)),
+        ("y_m", F32(y_m)),
+        ("vy_m_s", F32(vy_m_s)),
+        ("density_ratio", F32(density_ratio)),
+        ("vx_variance_m2_s2", F32(vx_variance_m2_s2)),
+        ("y_variance_m2", F32(y_variance_m2)),
+        ("vy_variance_m2_s2", F32(vy_variance_m2_s2)),
+        ("density_variance", F32(density_variance)),
+        ("innovation", F32(innovation)),
     ]
 }
 

@@ -34,13 +34,11 @@ pub(super) struct Faulted {
 impl Faulted {
     /// Returns the faults of a recording; `None` if it has none, or they depend on time.
     pub(super) fn of(contents: &Contents) -> Result<Option<Self>, ReadError> {
-        let schema::Config { time_mode, scenario_toml, .. } = contents.config()?;
+        let schema::Config { time_mode, .. } = contents.config()?;
         let Some(law) = contents.laws.first().filter(|_| time_mode == LOCK_STEP) else {
             return Ok(None);
         };
-        let settings = Settings::from_toml(scenario_toml).ok();
-        let scenario = settings.and_then(|settings| Scenario::from_settings(&settings).ok());
-        let plan = scenario.map(|scenario| scenario.faults.plan()).filter(|plan| !plan.is_empty());
+        let plan = plan(contents)?.filter(|plan| !plan.is_empty());
         Ok(plan.map(|plan| Self { plan, stepped: law.stepped }))
     }
 
@@ -80,6 +78,14 @@ impl Faulted {
             play(contents, &mut link, tick, unknown, is_other, report)
         }
     }
+}
+
+/// Returns the faults of a recording's link, from the start of the run; `None` if its scenario is
+/// not valid here.
+pub(super) fn plan(contents: &Contents) -> Result<Option<FaultPlan>, ReadError> {
+    let settings = Settings::from_toml(&contents.config()?.scenario_toml).ok();
+    let scenario = settings.and_then(|settings| Scenario::from_settings(&settings).ok());
+    Ok(scenario.map(|scenario| scenario.faults.plan()))
 }
 
 /// Sends each recorded sample and compares the command that comes back with the recorded one.

@@ -8,6 +8,7 @@
 
 mod compare;
 mod controller;
+mod estimates;
 mod faulted;
 mod report;
 mod source;
@@ -121,18 +122,35 @@ pub fn replay(path: &Path, other: Option<&PolicyFile>) -> Result<ReplayReport, R
     let mut report = ReplayReport::new(path, &contents, name, other.is_some(), faulted.is_some())?;
     let set_points = SetPoints::of(&contents.set_points);
     let fresh = WireController::new(first, config);
+    let without_state = fresh.clone();
     if let Some(faulted) = faulted {
         faulted.follow(&contents, fresh, swaps, &set_points, other.is_some(), &mut report)?;
-        return finished(report, path);
+    } else {
+        let controller = ReplayController::new(fresh, swaps, set_points);
+        follow(&contents, controller, other.is_some(), &mut report)?;
     }
-    let mut controller = ReplayController::new(fresh, swaps, set_points);
-    let mut source = Source::open(&contents)?;
+    // The estimates depend on the commands, which must be the same.
+    if report.is_the_same() && other.is_none() {
+        estimates::compare(&contents, without_state, &mut report)?;
+    }
+    finished(report, path)
+}
+
+/// Has `controller` follow the answers of a recording up to the first that it cannot explain, or
+/// compares all with its own commands if it runs another policy (`is_other`).
+fn follow(
+    contents: &Contents,
+    mut controller: ReplayController<'_>,
+    is_other: bool,
+    report: &mut ReplayReport,
+) -> Result<(), ReadError> {
+    let mut source = Source::open(contents)?;
     while let Some(answer) = source.next_answer()? {
         if let Some(why) = &answer.gap {
             report.stop(why.clone());
             break;
         }
-        if other.is_some() {
+        if is_other {
             let replayed = controller.command(&answer);
             report.add_other(&answer, &replayed);
             continue;
@@ -159,7 +177,7 @@ pub fn replay(path: &Path, other: Option<&PolicyFile>) -> Result<ReplayReport, R
             }
         }
     }
-    finished(report, path)
+    Ok(())
 }
 
 fn finished(mut report: ReplayReport, path: &Path) -> Result<ReplayReport, ReplayError> {

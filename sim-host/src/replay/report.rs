@@ -53,7 +53,10 @@ pub struct ReplayReport {
     pub ticks: u64,
     /// Commands compared.
     pub compared: u64,
-    /// Whether all compared commands were equal bit for bit.
+    /// Estimates of the controller compared, where the recording has them; with the recorded
+    /// policy, and once all commands are equal.
+    pub estimates_compared: u64,
+    /// Whether all compared commands and estimates were equal bit for bit.
     pub equal: bool,
     /// Commands that differ. With the recorded policy the replay ends at the first.
     pub different: u64,
@@ -61,6 +64,8 @@ pub struct ReplayReport {
     pub unanswered: u64,
     /// The first difference.
     pub first_difference: Option<Difference>,
+    /// The first difference of an estimate; the replay ends there.
+    pub first_estimate_difference: Option<Difference>,
     /// Ticks at which the recorded controller had restarted without any state.
     pub restart_ticks: Vec<u64>,
     /// Why the rest of the recording was not compared.
@@ -91,10 +96,12 @@ impl ReplayReport {
             is_other,
             ticks: contents.ticks,
             compared: 0,
+            estimates_compared: 0,
             equal: true,
             different: 0,
             unanswered: 0,
             first_difference: None,
+            first_estimate_difference: None,
             restart_ticks: Vec::new(),
             not_compared: None,
             not_compared_ticks: 0,
@@ -159,7 +166,8 @@ impl ReplayReport {
         }
     }
 
-    /// Returns whether all commands of the recording were compared, and are equal bit for bit.
+    /// Returns whether all commands of the recording were compared, and they and the estimates
+    /// are equal bit for bit.
     #[must_use]
     pub fn is_the_same(&self) -> bool {
         self.equal && self.not_compared.is_none()
@@ -217,6 +225,23 @@ impl fmt::Display for ReplayReport {
                     recorded.value, recorded.bits, replayed.value, replayed.bits
                 )?;
             }
+        }
+        match &self.first_estimate_difference {
+            None if self.estimates_compared == 0 => (),
+            None => {
+                let all = self.estimates_compared;
+                writeln!(f, "{all} estimates compared: the same, bit for bit")?;
+            }
+            Some(Difference { tick, field, recorded, replayed }) => writeln!(
+                f,
+                "{} estimates are the same, bit for bit, the next differs\n\
+                 at tick {tick}, in {field}: recorded {} (bits {}), replayed {} (bits {})",
+                self.estimates_compared.saturating_sub(1),
+                recorded.value,
+                recorded.bits,
+                replayed.value,
+                replayed.bits
+            )?,
         }
         if let Some(why) = &self.not_compared {
             let (rest, all) = (self.not_compared_ticks, self.ticks);

@@ -1,6 +1,7 @@
 //! Real processes over real shared memory: connecting, leaving, and being killed.
 
 mod bridge;
+mod estimates;
 mod estimator;
 mod faults;
 mod other_programs;

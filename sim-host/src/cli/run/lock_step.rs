@@ -1,5 +1,6 @@
 //! `sim-host run` in lock-step.
 
+use std::cell::Cell;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -17,7 +18,7 @@ use super::play::{
 };
 use crate::scenario::Scenario;
 use crate::session::lock_step::{self, Options};
-use crate::session::{Outcome, stepped};
+use crate::session::{Outcome, TickRecord, stepped};
 
 pub(super) fn main(
     scenario: &Scenario,
@@ -63,8 +64,14 @@ fn in_process(
     recording.policy(blob.as_slice(), &policy);
     recording.law(scenario.estimator.unwrap_or_default(), scenario.stale_limit_ns, true);
     let mut controller = WireController::new(policy, controller_config(scenario)?);
-    let law = |sample: Option<&Sample>| controller.tick(sample);
-    Ok(stepped::run(scenario, law, Options::default(), |tick| recording.push(tick))?)
+    let estimate = Cell::new(None);
+    let law = |sample: Option<&Sample>| {
+        let command = controller.tick(sample);
+        estimate.set(controller.estimate());
+        command
+    };
+    let observe = |tick: &TickRecord<'_>| recording.push(tick, estimate.take());
+    Ok(stepped::run(scenario, law, Options::default(), observe)?)
 }
 
 fn two_processes(
