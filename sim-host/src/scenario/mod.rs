@@ -72,9 +72,11 @@ pub struct Scenario {
     /// Age from which on a command counts for nothing, and time without one after which the
     /// leg gives up, ns; of the controller the same.
     pub stale_limit_ns: u64,
-    /// What the controller takes for the state; `None` leaves it to a controller that is started
-    /// apart, and is otherwise the readings.
+    /// What the controller takes for the state; `None` stands for the readings.
     pub estimator: Option<Estimator>,
+    /// The same as the user chose it: what a controller that is started apart must take. `None`
+    /// leaves it to that controller.
+    pub required_estimator: Option<Estimator>,
 }
 
 impl Scenario {
@@ -128,7 +130,7 @@ impl Scenario {
             .with_gravity(self.controller_gravity_m_s2())
             .with_leg(&self.leg_model())
             .with_stale_limit(self.stale_limit_ns);
-        SessionParams { estimator: self.estimator, channels: self.channels(), ..params }
+        SessionParams { estimator: self.required_estimator, channels: self.channels(), ..params }
     }
 
     /// Returns what the leg senses, of what an estimator can need.
@@ -243,13 +245,14 @@ impl Scenario {
         let sensor_profile = s.sensors.unwrap_or_default();
         let sensors = Figures::check(sensor_profile, &s.sensor_figures)
             .map_err(|cause| BadValue { key: "sensor", what: cause.to_string() })?;
-        let estimator = match s.controller.estimator().map_err(law)? {
+        let chosen = s.controller.estimator().map_err(law)?;
+        let (estimator, required_estimator) = match chosen {
             // What the sensors of the run are known for.
             Some(Estimator::Inertial { .. }) if s.controller.noise.is_none() => {
-                Some(Estimator::Inertial { figures: sensors.stated().figures() })
+                (Some(Estimator::Inertial { figures: sensors.stated().figures() }), None)
             }
-            None if sensor_profile != SensorProfile::Ideal => Some(sensors.estimator()),
-            given => given,
+            None if sensor_profile != SensorProfile::Ideal => (Some(sensors.estimator()), None),
+            chosen => (chosen, chosen),
         };
         let run = faults::RunParameters { seed, rate_hz, density_is_measured, sensors: &sensors };
         let faults = Faults::check(&s.faults, &run)
@@ -275,6 +278,7 @@ impl Scenario {
             faults,
             stale_limit_ns: s.controller.stale_limit_ns().map_err(law)?,
             estimator,
+            required_estimator,
         })
     }
 }

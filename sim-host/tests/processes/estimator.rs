@@ -122,8 +122,34 @@ fn sides_that_disagree_are_refused_by_both_values_and_the_option() {
     );
     let parts = ["velocity and height", "an inertial sensor and the leg's joints", "--estimator"];
     refuses(&[], &["--sensors", "imu"], &parts);
-    let alone = place.alone(&["--in-process", "--sensors", "imu"]).end();
-    alone.assert(2, &parts);
+    let readings = ["--in-process", "--sensors", "imu", "--estimator", "readings"];
+    place.alone(&readings).end().assert(2, &parts);
+    place.assert_clean();
+}
+
+/// Without a word about the estimator, in one process and in two; and with a controller that is
+/// started apart and knows only the name of it.
+#[test]
+fn a_leg_with_raw_sensors_hops_by_the_estimator_for_them_and_its_run_replays() {
+    let place = Place::new();
+    let run = ["--medium", "water", "--sensors", "imu", "--set-point", "0.5", "--duration", "12"];
+    let path = place.file("run.mcap");
+    let play = |how: &[&str]| {
+        let run = [how, &run[..], &["--json", "--record", text(&path)]].concat();
+        let run = place.start("run", &run).end();
+        let report: serde_json::Value = serde_json::from_str(&run.assert_ok().out).unwrap();
+        let hops = report["hops"].as_u64().unwrap();
+        assert!(hops >= 4, "{}", run.out);
+        let replayed = place.start("replay", &[text(&path)]).end();
+        let out = &replayed.assert_ok().out;
+        assert!(out.contains("12000 commands compared: the same, bit for bit"), "{out}");
+        report["state_hash"].clone()
+    };
+    assert_eq!(play(&["--in-process"]), play(&["--spawn"]));
+    let controller = place.controller(&["--estimator", "inertial"]);
+    let run = ["--sensors", "imu", "--duration", "5"];
+    place.simulator(&[&run[..], &LONG_TIMEOUT].concat()).end().assert_ok();
+    controller.end().assert_ok();
     place.assert_clean();
 }
 
