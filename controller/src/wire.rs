@@ -105,7 +105,7 @@ pub struct Sample {
 }
 
 /// What a leg feels that does not sense its state itself; see
-/// [`Sensors`](crate::measurement::Sensors). A field is read with its flag.
+/// [`Sensors`]. A field is read with its flag.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct SensorReadings {

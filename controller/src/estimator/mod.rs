@@ -1,7 +1,7 @@
 //! The state of the leg, estimated from what its sensors read.
 //!
-//! Two filters, for two kinds of leg, behind one interface: [`state`] for legs that sense
-//! their velocity and height, however noisily; [`inertial`] for legs that sense neither, but
+//! Two filters, for two kinds of leg, behind one interface: `state.rs` for legs that sense
+//! their velocity and height, however noisily; `inertial/` for legs that sense neither, but
 //! their acceleration, posture and contact. Both tell motion, density ratio, touchdown,
 //! lift-off and apex.
 
