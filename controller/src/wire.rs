@@ -104,8 +104,8 @@ pub struct Sample {
     pub sensors: SensorReadings,
 }
 
-/// What a leg feels that does not sense its state itself; see
-/// [`Sensors`]. A field is read with its flag.
+/// What a leg feels that does not sense its state itself; see [`Sensors`]. A field is read with
+/// its flag.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct SensorReadings {

@@ -140,7 +140,7 @@ impl fmt::Display for Report {
             "\n  not 1: apexes without exactly one decision; |error|: mean distance of the velocity at\n  \
              the apex from the set-point, m/s; rms: errors at the apex, m/s, m; nis: mean square of\n  \
              the innovations along y in flight in standard deviations, 1 for a consistent filter; nees:\n  \
-             the same of the errors of the estimate"
+             the same of the errors of the estimate; both 0 where samples come late: not measured"
         )
     }
 }
