@@ -7,7 +7,7 @@ use std::process::Command;
 use serde::Deserialize;
 
 /// Direct normal dependencies that each library may have.
-const ALLOWED: [(&str, &[&str]); 4] = [
+const ALLOWED: [(&str, &[&str]); 5] = [
     ("leg-kernel-m4f", &["heapless"]),
     (
         "leg-control",
@@ -29,13 +29,22 @@ const ALLOWED: [(&str, &[&str]); 4] = [
     ),
     ("leg-plant", &["libm", "serde", "smallvec", "thiserror"]),
     ("leg-charts", &["plotters"]),
+    (
+        "leg-recording",
+        &["bytemuck", "leg-control", "lz4_flex", "mcap", "prost", "ruzstd", "thiserror"],
+    ),
 ];
 
 /// Packages of this workspace that each package may depend on.
-const ARROWS: [(&str, &[&str]); 6] = [
+const ARROWS: [(&str, &[&str]); 7] = [
     ("leg-process", &["leg-control"]),
-    ("leg-host", &["leg-control", "leg-process"]),
-    ("sim-host", &["leg-charts", "leg-control", "leg-host", "leg-plant", "leg-process"]),
+    ("leg-recording", &["leg-control"]),
+    // `controller estimate` reads recordings and draws estimates.
+    ("leg-host", &["leg-charts", "leg-control", "leg-process", "leg-recording"]),
+    (
+        "sim-host",
+        &["leg-charts", "leg-control", "leg-host", "leg-plant", "leg-process", "leg-recording"],
+    ),
     ("trainer", &["leg-charts", "leg-control", "leg-plant", "leg-process"]),
     (
         "paper-figures",

@@ -232,7 +232,7 @@ pub fn parts(estimator: Estimator) -> (String, Vec<(String, f32)>) {
 ///
 /// # Errors
 /// A message with the name that is not known.
-pub fn from_parts<'a>(
+fn from_parts<'a>(
     name: &str,
     noise: impl Iterator<Item = (&'a str, f32)>,
 ) -> Result<Estimator, String> {
@@ -242,6 +242,14 @@ pub fn from_parts<'a>(
     let settings = LawSettings { estimator: Some(kind), noise: Some(noise), stale_limit_ms: None };
     let estimator = settings.estimator().map_err(|error| error.what)?;
     Ok(estimator.unwrap_or_default())
+}
+
+/// Returns the estimator of a recorded law.
+///
+/// # Errors
+/// A message with the name of an estimator or of a noise that this program does not know.
+pub fn of_recording(law: &leg_recording::schema::Law) -> Result<Estimator, String> {
+    from_parts(&law.estimator, law.noise.iter().map(|noise| (noise.name.as_str(), noise.deviation)))
 }
 
 /// Formats an estimator with its noise.

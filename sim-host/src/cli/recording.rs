@@ -10,7 +10,8 @@ use leg_host::TimeMode;
 use leg_host::realtime::{RxStatus, TickObserver};
 
 use super::misuse;
-use crate::record::schema::{Config, End, Law, Loop, Policy as PolicyMessage};
+use crate::record::config;
+use crate::record::schema::{End, Policy as PolicyMessage};
 use crate::record::{ChangePoller, OnFull, RecordError, RecordTap, Recorder};
 use crate::scenario::{Scenario, Settings};
 use crate::session::{Hooks, Options, Outcome, TickRecord};
@@ -35,7 +36,7 @@ impl Recording {
         time_mode: TimeMode,
     ) -> anyhow::Result<Self> {
         let Some(path) = path else { return Ok(Self(None)) };
-        let config = Config::of(settings, scenario, time_mode)
+        let config = config::of_run(settings, scenario, time_mode)
             .map_err(|cause| misuse(format!("the scenario cannot be recorded: {cause}")))?;
         let on_full = match time_mode {
             TimeMode::LockStep => OnFull::Wait,
@@ -56,7 +57,7 @@ impl Recording {
     /// Records how the control law runs; `stepped` in turn with the leg, in this thread.
     pub(super) fn law(&self, estimator: Estimator, stale_limit_ns: u64, stepped: bool) {
         if let Some(active) = &self.0 {
-            active.recorder.sink().law(Law::of(estimator, stale_limit_ns, stepped));
+            active.recorder.sink().law(config::of_law(estimator, stale_limit_ns, stepped));
         }
     }
 
@@ -74,7 +75,7 @@ impl Recording {
         Some(TickObserver::new(move |tick| {
             // Other records belong to no tick of a run.
             if matches!(tick.rx, RxStatus::New | RxStatus::Stale) {
-                sink.timing(Loop::of(tick));
+                sink.timing(config::of_tick(tick));
             }
         }))
     }
@@ -94,7 +95,7 @@ impl Recording {
         let Some(Active { changes, recorder, .. }) = self.0 else { return Ok(()) };
         drop(changes);
         let end = match outcome {
-            Ok(outcome) => End::of(outcome),
+            Ok(outcome) => config::of_end(outcome),
             Err(error) => End::broken_off(error),
         };
         let summary = recorder.finish(end)?;

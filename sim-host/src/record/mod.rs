@@ -5,7 +5,7 @@
 //! ```
 //!
 //! The loop copies a record of fixed size into a lock-free ring at each tick. A
-//! thread converts the records to the messages of [`schema`] (`leg.proto`), and
+//! thread converts the records to the messages of [`schema`] (`leg.proto` of leg-recording), and
 //! a separate process writes them to `run.mcap.part`, which it renames to
 //! `run.mcap` once the file is complete. If the run is killed, the writer still
 //! completes the file, up to a tenth of a second before the run's end; if the
@@ -17,16 +17,14 @@
 
 mod change_poller;
 pub mod config;
-pub mod contents;
 mod feeder;
 mod pipe;
-pub mod read;
 mod recorder;
-pub mod schema;
 mod tap;
 mod translate;
-pub mod versions;
 mod writer_process;
+
+pub use leg_recording::{contents, read, schema, versions};
 
 pub use change_poller::ChangePoller;
 pub use recorder::{RecordError, RecordSink, RecordSummary, Recorder};

@@ -21,7 +21,7 @@ use crate::faults::stage::{FaultPlan, FaultyLink, SteppedLink};
 use crate::record::contents::Contents;
 use crate::record::read::ReadError;
 use crate::record::schema::AnyMessage;
-use crate::record::{config::LOCK_STEP, schema};
+use crate::record::schema::{self, LOCK_STEP};
 use crate::scenario::{Scenario, Settings};
 
 /// The faults of a run that can be injected anew.

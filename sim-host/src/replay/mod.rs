@@ -203,7 +203,7 @@ fn control_config(path: &Path, contents: &Contents) -> Result<ControlConfig, Rep
         [] => (usual.estimator, usual.stale_limit_ns.into()),
         [law] => {
             let unknown = |cause| ReplayError::Law { path: path.to_owned(), cause };
-            (law.estimator().map_err(unknown)?, law.stale_limit_ns)
+            (leg_host::law::of_recording(law).map_err(unknown)?, law.stale_limit_ns)
         }
         more => return Err(contents.merged(format!("it has {} control laws", more.len())).into()),
     };

@@ -9,8 +9,9 @@ use leg_control::policy::{Policy, SHIPPED};
 use leg_control::wire::Sample;
 use leg_control::wire_controller::WireController;
 use leg_host::TimeMode;
+use sim_host::record::config;
 use sim_host::record::read::Reader;
-use sim_host::record::schema::{self, AnyMessage, Config, End, Law};
+use sim_host::record::schema::{self, AnyMessage};
 use sim_host::record::{OnFull, Recorder};
 use sim_host::scenario::{Scenario, Settings};
 use sim_host::session::{Options, TickRecord, stepped};
@@ -138,13 +139,13 @@ fn replay_names_the_first_estimate_that_differs_in_a_bit() {
     let path = place.file("run.mcap");
     let settings = Settings::from_toml("duration_s = 2.0\nsensors = \"imu\"").unwrap();
     let scenario = Scenario::from_settings(&settings).unwrap();
-    let config = Config::of(&settings, &scenario, TimeMode::LockStep).unwrap();
+    let config = config::of_run(&settings, &scenario, TimeMode::LockStep).unwrap();
     let (recorder, mut tap) =
         Recorder::begin_with(Path::new(PROGRAM), &path, &config, OnFull::Wait).unwrap();
     let policy = Policy::parse(SHIPPED).unwrap();
     let sink = recorder.sink();
     sink.policy(schema::Policy::of(SHIPPED, &policy, 1, 0));
-    sink.law(Law::of(scenario.estimator.unwrap(), scenario.stale_limit_ns, true));
+    sink.law(config::of_law(scenario.estimator.unwrap(), scenario.stale_limit_ns, true));
     let mut controller = WireController::new(policy, scenario.controller_config().unwrap());
     let estimate = Cell::new(None);
     let law = |sample: Option<&Sample>| {
@@ -158,7 +159,7 @@ fn replay_names_the_first_estimate_that_differs_in_a_bit() {
         tap.push_estimated(tick, if tick.seq == 1_500 { held.map(one_bit_off) } else { held });
     };
     let outcome = stepped::run(&scenario, law, Options::default(), observe).unwrap();
-    recorder.finish(End::of(&outcome)).unwrap();
+    recorder.finish(config::of_end(&outcome)).unwrap();
     let replayed = place.start("replay", &[text(&path)]).end();
     let out = &replayed.assert(1, &[] as &[&str]).out;
     assert!(out.contains("2000 commands compared: the same, bit for bit"), "{out}");

@@ -11,8 +11,9 @@ use leg_host::TimeMode;
 use leg_host::memory::Inline;
 use leg_process::policy_file::AlignedBytes;
 use rustix::process::Signal;
+use sim_host::record::config;
 use sim_host::record::read::Reader;
-use sim_host::record::schema::{AnyMessage, Config, End, Policy as PolicyMessage, SetPoint};
+use sim_host::record::schema::{AnyMessage, Policy as PolicyMessage, SetPoint};
 use sim_host::record::{OnFull, Recorder};
 use sim_host::replay::{self, ReplayError};
 use sim_host::scenario::{Scenario, Settings};
@@ -74,7 +75,7 @@ fn record_with(
 ) -> Vec<(Sample, Command)> {
     let settings = Settings::from_toml(&format!("duration_s = {seconds}.0")).unwrap();
     let scenario = Scenario::from_settings(&settings).unwrap();
-    let config = Config::of(&settings, &scenario, TimeMode::LockStep).unwrap();
+    let config = config::of_run(&settings, &scenario, TimeMode::LockStep).unwrap();
     let (recorder, mut tap) =
         Recorder::begin_with(Path::new(PROGRAM), path, &config, OnFull::Wait).unwrap();
     for policy in policies {
@@ -90,7 +91,7 @@ fn record_with(
             tap.push(tick);
         }
     });
-    let recorded = recorder.finish(End::of(&outcome.unwrap())).unwrap();
+    let recorded = recorder.finish(config::of_end(&outcome.unwrap())).unwrap();
     assert_eq!(recorded.dropped, 0);
     ticks
 }
@@ -208,7 +209,7 @@ fn the_recorded_scenario_parses_to_the_same_settings() {
                 area_y_m2 = 0.2\ndrag_x = 1.0\ndrag_y = 0.9\n";
     let settings = Settings::from_toml(text).unwrap();
     let scenario = Scenario::from_settings(&settings).unwrap();
-    let config = Config::of(&settings, &scenario, TimeMode::RealTime).unwrap();
+    let config = config::of_run(&settings, &scenario, TimeMode::RealTime).unwrap();
     assert_eq!(Settings::from_toml(&config.scenario_toml).unwrap(), settings);
     assert_eq!((config.rate_hz, config.gravity_m_s2, &*config.time_mode), (500, 1.62, "real-time"));
 }

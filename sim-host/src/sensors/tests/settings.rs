@@ -1,7 +1,7 @@
 //! Settings of sensors, and the lists.
 
 use super::*;
-use crate::record::schema::Config;
+use crate::record::config;
 use crate::scenario::{Scenario, Settings};
 
 fn refusal(text: &str) -> String {
@@ -52,7 +52,7 @@ fn a_recording_keeps_profile_and_figures_in_its_configuration() {
     );
     let settings = settings.unwrap();
     let scenario = Scenario::from_settings(&settings).unwrap();
-    let kept = Config::of(&settings, &scenario, leg_host::TimeMode::LockStep).unwrap();
+    let kept = config::of_run(&settings, &scenario, leg_host::TimeMode::LockStep).unwrap();
     assert_eq!(Settings::from_toml(&kept.scenario_toml).unwrap(), settings);
     let plain = Settings::default();
     assert!(!toml::to_string(&plain).unwrap().contains("sensor"));

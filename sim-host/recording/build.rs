@@ -7,7 +7,7 @@ use prost::Message;
 use protox::prost_reflect::prost_types::FileDescriptorSet;
 use protox::prost_reflect::prost_types::field_descriptor_proto::Type;
 
-const FOLDER: &str = "src/record";
+const FOLDER: &str = "src";
 const PROTO: &str = "leg.proto";
 
 fn main() -> Result<(), Box<dyn Error>> {

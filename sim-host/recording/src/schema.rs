@@ -1,6 +1,6 @@
 //! The messages of a recording, generated from `leg.proto`, and their channels.
 
-use leg_control::wire;
+use leg_control::{policy, wire};
 use prost::{Message, Name};
 
 pub use generated::*;
@@ -10,6 +10,11 @@ pub const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/leg.fds
 
 /// The profile in a recording's MCAP header.
 pub const PROFILE: &str = "spring-leg";
+
+/// [`Config::time_mode`] of a run in lock-step.
+pub const LOCK_STEP: &str = "lock-step";
+/// [`Config::time_mode`] of a run in real time.
+pub const REAL_TIME: &str = "real-time";
 
 #[allow(missing_docs, clippy::pedantic, reason = "generated code")]
 mod generated {
@@ -160,6 +165,24 @@ impl Estimate {
             density_variance,
             innovation,
         }
+    }
+}
+
+impl Policy {
+    /// Describes a policy that the controller receives before tick `seq`.
+    #[must_use]
+    pub fn of(blob: &[u8], policy: &policy::Policy<'_>, run_id: u32, seq: u64) -> Self {
+        let crc32 = blob.last_chunk().copied().map_or(0, u32::from_le_bytes);
+        let name = policy.manifest().name.to_owned();
+        Self { name, crc32, blob: blob.to_vec(), run_id, seq }
+    }
+}
+
+impl End {
+    /// Describes a run that ended with an error.
+    #[must_use]
+    pub fn broken_off(cause: &impl std::fmt::Display) -> Self {
+        Self { ending: cause.to_string(), ..Self::default() }
     }
 }
 
