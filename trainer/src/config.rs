@@ -6,9 +6,11 @@
 
 mod check;
 mod keys;
+mod randomisation;
 mod text;
 
 pub use check::ConfigError;
+pub use randomisation::{Distribution, Parameter, Randomisation};
 pub use text::{ReadError, SetError};
 
 use leg_control::policy::GainPoint;
@@ -35,6 +37,9 @@ pub struct Config {
     pub stages: Vec<Stage>,
     /// Selection of the best actor.
     pub selection: Selection,
+    /// What differs from episode to episode beside start and medium; `None` for nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub randomisation: Option<Randomisation>,
     /// Recommended gains of the velocity cascade, by ascending density ratio. Where there are
     /// none, they are searched after the training.
     pub gains: Vec<GainPoint>,

@@ -9,8 +9,9 @@
 //! the lowest.
 
 use crate::config::{Config, Episode, MediumDraw, Reward};
+use crate::world::{Shown, World};
 use leg_control::leg::LegModel;
-use leg_plant::{Action, Apex, Hopper, Leg, Medium};
+use leg_plant::{Action, Apex, EARTH_GRAVITY_M_S2, Leg};
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
@@ -29,11 +30,6 @@ const RANGE_DEVIATIONS: f64 = 3.0;
 #[must_use]
 pub fn leg() -> Leg {
     Leg::human()
-}
-
-/// Returns the medium of every training but for its density ratio: gravity on earth.
-fn medium() -> Medium {
-    Medium::AIR
 }
 
 /// Returns [`leg`] as a policy file states it.
@@ -55,11 +51,8 @@ pub fn leg_model() -> LegModel {
     }
 }
 
-/// Returns the lowest and highest gravity of every training, m/s2.
-#[must_use]
-pub fn gravity_m_s2() -> [f32; 2] {
-    [medium().gravity_m_s2() as f32; 2]
-}
+/// Gravity of every training that does not randomise it, lowest and highest, m/s2.
+pub const GRAVITY_M_S2: [f32; 2] = [EARTH_GRAVITY_M_S2 as f32; 2];
 
 /// Draws a standard normal number.
 pub(crate) fn normal(rng: &mut impl Rng) -> f64 {
@@ -148,6 +141,14 @@ impl Config {
         let stages = self.stages.iter().map(|stage| stage.medium.density_range());
         stages.reduce(union).unwrap_or([0.0, 1.0]).map(|rho| rho as f32)
     }
+
+    /// Returns the lowest and highest gravity of the training, m/s2.
+    #[must_use]
+    pub fn gravity_range_m_s2(&self) -> [f32; 2] {
+        self.randomisation.as_ref().map_or(GRAVITY_M_S2, |randomisation| {
+            randomisation.gravity_range().map(|factor| (factor * EARTH_GRAVITY_M_S2) as f32)
+        })
+    }
 }
 
 impl Reward {
@@ -212,7 +213,7 @@ impl Episode {
 #[derive(Clone, Debug)]
 pub struct Environment<'a> {
     config: &'a Config,
-    hopper: Hopper,
+    world: World,
     start: Start,
     bias: Option<VelocityBias>,
     apex: Apex,
@@ -228,16 +229,25 @@ pub struct Outcome {
 }
 
 impl<'a> Environment<'a> {
-    /// Begins an episode without a velocity bias.
+    /// Begins an episode without a velocity bias and without randomisation.
     ///
     /// # Panics
     /// If the start's density ratio is negative or not finite.
     #[must_use]
     pub fn new(config: &'a Config, start: Start) -> Self {
-        let medium = medium().with_density_ratio(start.density_ratio).expect("a density ratio");
-        let tolerance = config.episode.tolerance.plant();
-        let hopper = Hopper::new(&leg(), medium).with_tolerance(tolerance);
-        Self { config, hopper, start, bias: None, apex: start.apex }
+        let world = World::exact(start.density_ratio, config.episode.tolerance.plant());
+        Self { config, world, start, bias: None, apex: start.apex }
+    }
+
+    /// Draws the world of this episode of a training with this seed, where the configuration has a
+    /// randomisation. Episodes count over all stages.
+    #[must_use]
+    pub fn with_random_world(self, seed: u64, episode: u64) -> Self {
+        let Some(randomisation) = &self.config.randomisation else { return self };
+        let tolerance = self.config.episode.tolerance.plant();
+        let density_ratio = self.start.density_ratio;
+        let world = World::draw(randomisation, seed, episode, density_ratio, tolerance);
+        Self { world, ..self }
     }
 
     /// Adds a velocity bias with the configured probability.
@@ -269,9 +279,16 @@ impl<'a> Environment<'a> {
     pub fn observation(&self) -> [f32; 3] {
         let network = &self.config.network;
         let offset_m_s = self.bias.map_or(0.0, |bias| bias.offset_m_s);
-        let shown = [self.apex.vx_m_s - offset_m_s, self.apex.y_m, self.start.density_ratio];
-        let shown = shown.map(|x| x as f32);
+        let [vx_m_s, y_m, density_ratio] = self.shown();
+        let shown = [vx_m_s - offset_m_s, y_m, density_ratio].map(|x| x as f32);
         [0, 1, 2].map(|i| (shown[i] - network.observation_offset[i]) * network.observation_scale[i])
+    }
+
+    /// Returns what the actor observes of the apex that the next step starts from, without a
+    /// velocity bias.
+    #[must_use]
+    pub fn shown(&self) -> Shown {
+        self.world.show(self.apex)
     }
 
     /// Returns the apex that the next step starts from.
@@ -292,7 +309,7 @@ impl<'a> Environment<'a> {
         let [touchdown_angle_rad, elongation_speed_m_s] = [0, 1]
             .map(|i| action[i].clamp(f64::from(n.action_low[i]), f64::from(n.action_high[i])));
         let action = Action { touchdown_angle_rad, elongation_speed_m_s };
-        let next = self.hopper.hop(self.apex, action).outcome.next();
+        let next = self.world.hop(self.apex, action);
         let reward = match self.bias {
             None => self.config.reward.of(action, next, self.start.density_ratio),
             Some(VelocityBias { wanted_m_s, .. }) => {
@@ -310,7 +327,7 @@ impl<'a> Environment<'a> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Environment, Start, draw_start, gravity_m_s2, leg_model};
+    use super::{Environment, Start, draw_start, leg_model};
     use crate::config::MediumDraw;
     use crate::preset::Preset;
     use leg_control::leg::LegModel;
@@ -422,6 +439,6 @@ mod tests {
     #[test]
     fn the_policy_file_states_the_leg_and_gravity_of_the_environment() {
         assert_eq!(leg_model(), LegModel::HUMAN);
-        assert_eq!(gravity_m_s2(), [9.81; 2]);
+        assert_eq!(Preset::Robust.config().gravity_range_m_s2(), [9.81; 2]);
     }
 }

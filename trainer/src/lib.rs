@@ -20,6 +20,7 @@ pub mod policy;
 pub mod preset;
 pub mod replay;
 pub mod trained;
+pub mod world;
 
 pub mod run;
 pub mod simd;

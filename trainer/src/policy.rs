@@ -1,7 +1,7 @@
 //! The policy file: from trained layers to the blob that the controller runs, and back.
 
 use crate::config::Config;
-use crate::environment::{gravity_m_s2, leg_model};
+use crate::environment::leg_model;
 use crate::net::mlp::Layer;
 use leg_control::actor::{
     ActionScaling, Actor, ObservationScaling, PANEL_ROWS, ShapeError, Widths, pack,
@@ -137,14 +137,16 @@ pub struct PolicyInfo<'a> {
     pub steps: u64,
     /// Lowest and highest density ratio of the training.
     pub density_ratio: [f32; 2],
+    /// Lowest and highest gravity of the training, m/s2.
+    pub gravity_m_s2: [f32; 2],
     /// Configuration of the training, TOML.
     pub config: &'a str,
     /// Recommended gains of the velocity cascade, by ascending density ratio.
     pub gains: &'a [GainPoint],
 }
 
-/// Writes the policy blob of an actor, at a 4-byte aligned address. Leg and gravity are
-/// those that every training uses ([`crate::environment`]).
+/// Writes the policy blob of an actor, at a 4-byte aligned address. The leg is
+/// that which every training uses ([`crate::environment`]).
 ///
 /// # Errors
 /// [`WriteError`] when the controller would refuse the blob.
@@ -156,7 +158,7 @@ pub fn blob(actor: &PackedActor, info: &PolicyInfo<'_>) -> Result<AlignedBytes, 
         observation: actor.observation,
         action: actor.action,
         leg: leg_model(),
-        media: Media { density_ratio: info.density_ratio, gravity_m_s2: gravity_m_s2() },
+        media: Media { density_ratio: info.density_ratio, gravity_m_s2: info.gravity_m_s2 },
         provenance: Provenance {
             preset: info.preset,
             seed: info.seed,

@@ -116,6 +116,7 @@ fn paper(name: &str, max_steps: u32, stages: Vec<Stage>) -> Config {
         },
         stages,
         selection: Selection { evaluations: 0, starts: 0, tracking: 0.0 },
+        randomisation: None,
         // The published code has an integral gain only.
         gains: vec![GainPoint {
             density_ratio: 0.0,

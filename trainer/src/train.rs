@@ -251,7 +251,9 @@ impl Training {
         let rng = &mut self.environment_rng;
         let mut start = Start::draw(config, &stage.medium, self.episodes, rng);
         self.failed_starts.replay(config.episode.retry_share, &mut start, rng);
-        let mut environment = Environment::new(config, start).with_random_bias(rng);
+        let mut environment = Environment::new(config, start)
+            .with_random_bias(rng)
+            .with_random_world(self.seed, self.total_episodes);
         self.noise.begin_episode(&mut self.noise_rng);
         self.total_episodes += 1;
         let start = environment.observation();

@@ -17,6 +17,7 @@ pub struct TrainedPolicy {
     preset: String,
     config: String,
     density_ratio: [f32; 2],
+    gravity_m_s2: [f32; 2],
     seed: u64,
     steps: u64,
     /// Score of the actor in the selection; `None` where the configuration has none.
@@ -38,6 +39,7 @@ impl TrainedPolicy {
             preset: config.preset.clone(),
             config: config.to_toml(),
             density_ratio: config.density_range(),
+            gravity_m_s2: config.gravity_range_m_s2(),
             seed: training.seed(),
             steps: score.map_or(training.total_steps(), |s| s.steps),
             score,
@@ -57,6 +59,7 @@ impl TrainedPolicy {
                 seed: self.seed,
                 steps: self.steps,
                 density_ratio: self.density_ratio,
+                gravity_m_s2: self.gravity_m_s2,
                 config: &self.config,
                 gains: &self.gains,
             },

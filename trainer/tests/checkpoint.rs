@@ -35,9 +35,16 @@ fn short(preset: Preset) -> Config {
 
 #[test]
 fn a_resumed_training_equals_an_uninterrupted_one() {
-    for preset in [Preset::Robust, Preset::WaterToAir] {
-        let mut alone = Training::new(short(preset), 5, Isa::best());
-        let mut resumed = Training::new(short(preset), 5, Isa::Baseline);
+    let randomised = short(Preset::Robust)
+        .with("randomisation.mass={ kind = \"uniform\", low = 0.8, high = 1.2 }")
+        .and_then(|config| {
+            config.with("randomisation.noise_vx_m_s={ kind = \"uniform\", low = -0.1, high = 0.1 }")
+        })
+        .unwrap();
+    for config in [short(Preset::Robust), short(Preset::WaterToAir), randomised] {
+        let preset = &config.preset;
+        let mut alone = Training::new(config.clone(), 5, Isa::best());
+        let mut resumed = Training::new(config.clone(), 5, Isa::Baseline);
         for episode in 0.. {
             if episode % 23 == 0 {
                 let bytes = checkpoint(&resumed).to_bytes();

@@ -36,6 +36,7 @@ fn train(config: &Config, seed: u64, isa: Isa) -> (Vec<EpisodeRecord>, Vec<u8>) 
             seed,
             steps: training.total_steps(),
             density_ratio: config.density_range(),
+            gravity_m_s2: config.gravity_range_m_s2(),
             config: &config.to_toml(),
             gains,
         },

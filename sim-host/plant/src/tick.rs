@@ -180,6 +180,13 @@ impl TickPlant {
         self
     }
 
+    /// Sets the tolerance.
+    #[must_use]
+    pub const fn with_tolerance(mut self, tolerance: Tolerance) -> Self {
+        self.tolerance = tolerance;
+        self
+    }
+
     /// Returns the body at the end of the last tick.
     #[must_use]
     pub const fn body(&self) -> Body {

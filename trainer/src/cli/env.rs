@@ -6,6 +6,7 @@ use crate::environment::{Environment, Start};
 use crate::preset::Preset;
 use anyhow::anyhow;
 use clap::Args;
+use leg_plant::Apex;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use std::io::{BufRead, Write};
@@ -15,7 +16,8 @@ The program answers each line by one line of values, separated by blanks:
   reset            VX Y RHO                  a new episode's first apex
   step ALPHA RS    VX Y RHO REWARD ENDED     the next apex, after this action
 VX is in m/s, Y in m, RHO the density ratio; ALPHA in rad and RS in m/s are clipped to
-the leg's range. ENDED is `no`, `fall` when the episode ended with a fall (no next
+the leg's range. VX, Y and RHO are what the actor observes, with the errors that the
+preset randomises. ENDED is `no`, `fall` when the episode ended with a fall (no next
 apex, given as 0 0, or one below 1 m), or `time` after its largest number of steps.
 
 The answer to any other line, and to a step outside an episode, is `error` and the
@@ -74,6 +76,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 struct Server<'a> {
     config: &'a Config,
     medium: &'a MediumDraw,
+    seed: u64,
     rng: Pcg64,
     episode: u64,
     /// The episode that runs, and its steps until now.
@@ -83,7 +86,8 @@ struct Server<'a> {
 impl<'a> Server<'a> {
     fn new(config: &'a Config, seed: u64) -> Self {
         let medium = config.stages.last().map(|s| &s.medium).expect("a preset has stages");
-        Self { config, medium, rng: Pcg64::seed_from_u64(seed), episode: 0, running: None }
+        let rng = Pcg64::seed_from_u64(seed);
+        Self { config, medium, seed, rng, episode: 0, running: None }
     }
 
     /// Answers a request; an error changes nothing.
@@ -91,7 +95,8 @@ impl<'a> Server<'a> {
         match words[..] {
             ["reset"] => {
                 let start = Start::draw(self.config, self.medium, self.episode, &mut self.rng);
-                let environment = Environment::new(self.config, start);
+                let environment =
+                    Environment::new(self.config, start).with_random_world(self.seed, self.episode);
                 self.episode += 1;
                 let answer = apex(&environment);
                 self.running = Some((environment, 0));
@@ -127,6 +132,10 @@ fn number(text: &str) -> Result<f64, String> {
 }
 
 fn apex(environment: &Environment<'_>) -> String {
-    let apex = environment.apex();
-    format!("{} {} {}", apex.vx_m_s, apex.y_m, environment.density_ratio())
+    let [vx_m_s, y_m, density_ratio] = match environment.apex() {
+        // After a fall there is nothing to observe.
+        Apex { vx_m_s, y_m: 0.0 } => [vx_m_s, 0.0, environment.density_ratio()],
+        _ => environment.shown(),
+    };
+    format!("{vx_m_s} {y_m} {density_ratio}")
 }

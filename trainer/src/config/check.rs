@@ -2,7 +2,7 @@
 //! relations between parameters.
 
 use super::keys::{Limit, find};
-use super::{Config, Exploration, Length, MediumDraw, Stage};
+use super::{Config, Exploration, Length, MediumDraw, Randomisation, Stage};
 use std::f32::consts::PI;
 use toml::Value;
 
@@ -22,7 +22,7 @@ pub enum ConfigError {
     },
 }
 
-fn out_of_range(key: &str, value: &dyn ToString, limit: &dyn ToString) -> ConfigError {
+pub(super) fn out_of_range(key: &str, value: &dyn ToString, limit: &dyn ToString) -> ConfigError {
     let (value, limit) = (value.to_string(), limit.to_string());
     ConfigError::OutOfRange { key: key.into(), value, limit }
 }
@@ -37,7 +37,7 @@ impl Config {
             .map_err(|e| out_of_range("the configuration", &e, &"what TOML can hold"))?;
         check_value("", "", &value)?;
         match self.relations().into_iter().find(|(fine, ..)| !fine) {
-            None => Ok(()),
+            None => self.randomisation.as_ref().map_or(Ok(()), Randomisation::relations),
             Some((_, key, value, limit)) => Err(out_of_range(key, &value, &limit)),
         }
     }
@@ -141,15 +141,15 @@ impl Config {
 
 /// Checks a value and everything in it. `path` is its path in the table of keys; `shown` is the
 /// path for messages, with the indices of lists.
-fn check_value(path: &str, shown: &str, value: &Value) -> Result<(), ConfigError> {
+pub(super) fn check_value(path: &str, shown: &str, value: &Value) -> Result<(), ConfigError> {
     if let (Value::Table(table), "") = (value, path) {
         return table.iter().try_for_each(|(key, value)| check_value(key, key, value));
     }
-    let Some(limit) = find(path).map(|key| &key.limit) else {
+    let Some(limit) = find(path).map(|key| key.limit) else {
         return Err(out_of_range(shown, value, &"a key of the table in config/keys.rs"));
     };
     let check = |fine: bool, value: String| {
-        if fine { Ok(()) } else { Err(out_of_range(shown, &value, limit)) }
+        if fine { Ok(()) } else { Err(out_of_range(shown, &value, &limit)) }
     };
     match value {
         Value::Table(table) => table.iter().try_for_each(|(key, value)| {

@@ -3,10 +3,11 @@
 //! Each key has one row. A key without a row fails [`Config::check`](super::Config::check),
 //! and with it the test of every preset.
 
+use leg_plant::Losses;
 use std::fmt;
 
 /// A key, its description and its range.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Key {
     /// Path of tables and key, separated by dots; the same for every item of a list.
     pub(super) path: &'static str,
@@ -79,6 +80,7 @@ const WEIGHTS: Limit = Limit::Keyword(&["glorot", "fan-in"]);
 const NOISES: Limit = Limit::Keyword(&["ornstein-uhlenbeck", "gaussian"]);
 const MEDIA: Limit = Limit::Keyword(&["water", "land", "water-and-air", "mixed"]);
 const TOLERANCES: Limit = Limit::Keyword(&["golden", "training"]);
+const DISTRIBUTIONS: Limit = Limit::Keyword(&["uniform", "log-uniform", "normal"]);
 const GAIN: Limit = from(-1000.0, 1000.0);
 
 #[rustfmt::skip]
@@ -147,6 +149,22 @@ static KEYS: &[Key] = &[
     row("selection.evaluations", "", "Number of evaluations over the last stage, of which the best actor is selected; with 0 the last actor is", Limit::Whole(0, 10_000)),
     row("selection.starts", "", "Number of starts of an evaluation in a vacuum; a quarter of them run below a density ratio of 0.2, a sixteenth above", Limit::Whole(0, 1_000_000)),
     row("selection.tracking", "", "Weight of the tracking cost; a fall of all starts at one density ratio costs 1", from(0.0, 100.0)),
+    row("randomisation", "", "What differs from episode to episode beside start and medium; each quantity has a distribution, and keeps the trainer's value without one", Limit::Table),
+    row("randomisation.share", "", "Share of episodes that are randomised", SHARE),
+    row("randomisation.mass", "", "Factor of the dry mass, of an episode", from(0.1, 10.0)),
+    row("randomisation.stiffness", "", "Factor of the spring's stiffness, of an episode", from(0.1, 10.0)),
+    row("randomisation.gravity", "", "Factor of gravity, of an episode", from(0.05, 5.0)),
+    row("randomisation.damping_n_s_m", "N s/m", "Damping along the leg, of an episode", from(0.0, Losses::MAX_DAMPING_N_S_M)),
+    row("randomisation.foot_mass_kg", "kg", "Mass of the foot, which the impact stops, of an episode", from(0.0, Losses::MAX_FOOT_MASS_KG)),
+    row("randomisation.friction", "", "Coefficient of friction, of an episode", from(Losses::MIN_FRICTION, Losses::MAX_FRICTION)),
+    row("randomisation.ground_m", "m", "Height of the ground on which a hop lands, of a hop", from(-10.0, 10.0)),
+    row("randomisation.delay_s", "s", "Time after an apex until its angle is taken, and after a touchdown until the leg elongates, of an episode", from(0.0, 1.0)),
+    row("randomisation.noise_vx_m_s", "m/s", "Noise on the observed velocity, of a hop", from(-10.0, 10.0)),
+    row("randomisation.noise_y_m", "m", "Noise on the observed height, of a hop", from(-10.0, 10.0)),
+    row("randomisation.noise_density_ratio", "", "Noise on the observed density ratio, of a hop", from(-1.0, 1.0)),
+    row("randomisation.bias_vx_m_s", "m/s", "Error of the observed velocity, of an episode", from(-10.0, 10.0)),
+    row("randomisation.bias_y_m", "m", "Error of the observed height, of an episode", from(-10.0, 10.0)),
+    row("randomisation.bias_density_ratio", "", "Error of the observed density ratio, of an episode", from(-1.0, 1.0)),
     row("gains", "", "Gains of the velocity cascade by ascending density ratio; without any they are searched after the training", Limit::List(0, 16)),
     row("gains.density_ratio", "", "Density ratio of these gains", from(0.0, 100.0)),
     row("gains.kp", "", "Proportional gain", GAIN),
@@ -156,9 +174,32 @@ static KEYS: &[Key] = &[
     row("gains.limit_m_s", "m/s", "Bound of the velocity offset", from(0.0, 100.0)),
 ];
 
+/// Rows of the distribution of every randomised quantity, whose own row has the range of its
+/// values.
+#[rustfmt::skip]
+static DISTRIBUTION: &[Key] = &[
+    row("kind", "", "Distribution: uniform, uniform in the logarithm, or normal and clipped to low and high", DISTRIBUTIONS),
+    row("low", "", "Lowest value", Limit::Table),
+    row("high", "", "Highest value", Limit::Table),
+    row("mean", "", "Mean before clipping", Limit::Table),
+    row("deviation", "", "Standard deviation before clipping", above(0.0, 1e6)),
+];
+
 /// Returns the row of a path.
-pub(super) fn find(path: &str) -> Option<&'static Key> {
-    KEYS.iter().find(|key| key.path == path)
+pub(super) fn find(path: &str) -> Option<Key> {
+    if let Some(key) = KEYS.iter().find(|key| key.path == path) {
+        return Some(*key);
+    }
+    let (parent, last) = path.strip_prefix("randomisation.")?.split_once('.')?;
+    let key = DISTRIBUTION.iter().find(|key| key.path == last)?;
+    let of = find(&format!("randomisation.{parent}"))?;
+    let limit = if matches!(key.limit, Limit::Table) { of.limit } else { key.limit };
+    Some(Key { unit: if last == "kind" { "" } else { of.unit }, limit, ..*key })
+}
+
+/// Returns the rows of the quantities that can be randomised, and their table's.
+pub(super) fn randomisation() -> impl Iterator<Item = &'static Key> {
+    KEYS.iter().filter(|key| key.path.starts_with("randomisation"))
 }
 
 impl fmt::Display for Key {

@@ -1,7 +1,8 @@
 //! Configurations as text: printed with a comment at every key, read from files, and changed
 //! key by key.
 
-use super::keys::find;
+use super::keys::{Key, find, randomisation};
+use super::randomisation::TABLE;
 use super::{Config, ConfigError};
 use std::fmt::Write as _;
 use std::io;
@@ -30,6 +31,14 @@ pub enum ReadError {
         path: PathBuf,
         /// Place in the file, and what was expected.
         cause: Box<toml::de::Error>,
+    },
+    /// The file has no table of this name.
+    #[error("{}: it has no table [{table}]; add one, with a distribution for each quantity", path.display())]
+    NoTable {
+        /// Path of the file.
+        path: PathBuf,
+        /// Name of the table.
+        table: &'static str,
     },
     /// A parameter is out of range.
     #[error("{}: {cause}", path.display())]
@@ -64,6 +73,17 @@ pub enum SetError {
         /// What was found and expected.
         what: String,
     },
+}
+
+/// Reads a file of at most [`LONGEST`] bytes.
+pub(super) fn read_text(path: &Path) -> Result<String, ReadError> {
+    let read = |cause| ReadError::Read { path: path.into(), cause };
+    let length = std::fs::metadata(path).map_err(read)?.len();
+    if length > LONGEST {
+        let long = format!("it has {length} bytes, at most {LONGEST}");
+        return Err(read(io::Error::new(io::ErrorKind::FileTooLarge, long)));
+    }
+    std::fs::read_to_string(path).map_err(read)
 }
 
 /// Returns the message of a value of another type in words of TOML instead of Rust.
@@ -115,7 +135,30 @@ impl Config {
             }
             _ = writeln!(text, "{line}");
         }
+        self.comment_on_what_is_not_randomised(&mut text);
         text
+    }
+
+    /// Adds the quantities without a distribution, which have no key, as comments.
+    fn comment_on_what_is_not_randomised(&self, text: &mut String) {
+        let present = |key: &Key| match key.path.split_once('.') {
+            None => self.randomisation.is_some(),
+            Some((_, "share")) => true,
+            Some((_, name)) => self.randomisation.as_ref().is_some_and(|randomisation| {
+                randomisation.parameters().any(|parameter| parameter.key() == name)
+            }),
+        };
+        let absent: Vec<&Key> = randomisation().filter(|key| !present(key)).collect();
+        if absent.is_empty() {
+            return;
+        }
+        text.push_str(
+            "\n# Not randomised; for example --set \
+             'randomisation.mass={ kind = \"uniform\", low = 0.8, high = 1.2 }':\n",
+        );
+        for key in absent {
+            _ = writeln!(text, "# {}: {key}", key.path);
+        }
     }
 
     /// Reads a complete configuration from a TOML file and checks it.
@@ -123,13 +166,7 @@ impl Config {
     /// # Errors
     /// [`ReadError`] with the file, the key, its value and its limit.
     pub fn read(path: &Path) -> Result<Self, ReadError> {
-        let read = |cause| ReadError::Read { path: path.into(), cause };
-        let length = std::fs::metadata(path).map_err(read)?.len();
-        if length > LONGEST {
-            let long = format!("it has {length} bytes, at most {LONGEST}");
-            return Err(read(io::Error::new(io::ErrorKind::FileTooLarge, long)));
-        }
-        let text = std::fs::read_to_string(path).map_err(read)?;
+        let text = read_text(path)?;
         let config: Self = toml::from_str(&text)
             .map_err(|cause| ReadError::Syntax { path: path.into(), cause: Box::new(cause) })?;
         config.check().map_err(|cause| ReadError::Parameter { path: path.into(), cause })?;
@@ -156,9 +193,18 @@ impl Config {
         let table = self.to_toml().parse::<Table>().expect("what was printed");
         let mut root = Value::Table(table);
         let mut at = &mut root;
+        let mut reached = String::new();
         for key in path.trim().split('.') {
+            reached = if reached.is_empty() { key.into() } else { format!("{reached}.{key}") };
             let inner = match at {
-                Value::Table(table) => table.get_mut(key),
+                // A quantity that is not randomised yet has no key, but its name is known.
+                Value::Table(table) => {
+                    if reached.starts_with(TABLE) && find(&reached).is_some() {
+                        Some(table.entry(key).or_insert_with(|| Value::Table(Table::new())))
+                    } else {
+                        table.get_mut(key)
+                    }
+                }
                 Value::Array(list) => key.parse().ok().and_then(|i: usize| list.get_mut(i)),
                 _ => None,
             };

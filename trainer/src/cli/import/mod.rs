@@ -8,6 +8,7 @@ use super::output::{Target, print};
 use super::{Failure, failed, input};
 use crate::bridge::ImportError;
 use crate::bridge::imported::{CompleteActor, Subject};
+use crate::environment::GRAVITY_M_S2;
 use crate::evaluate::gains::search;
 use crate::policy::{PackedActor, PolicyInfo, blob, blob_with_manifest};
 use crate::run::paths::title;
@@ -116,6 +117,7 @@ fn foreign(
         seed: 0,
         steps: 0,
         density_ratio: [0.0, 1.0],
+        gravity_m_s2: GRAVITY_M_S2,
         config: "",
         gains,
     };
