@@ -64,8 +64,7 @@ fn each_quantity_changes_the_training_and_none_of_them_changes_nothing() {
     for parameter in Parameter::ALL {
         let distribution = Distribution::Uniform { low: 0.1, high: 0.9 };
         let table = Randomisation::default().with(parameter, distribution);
-        assert!(with(table.clone()) != exact, "{parameter:?}");
-        assert!(with(Randomisation { share: 0.0, ..table }) == exact, "{parameter:?}");
+        assert!(with(table) != exact, "{parameter:?}");
     }
 }
 

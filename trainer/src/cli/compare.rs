@@ -3,6 +3,7 @@
 use super::eval::{MOST_STARTS, SEED};
 use super::output::print;
 use super::{Failure, failed, input};
+use crate::config::{Parameter, Randomisation};
 use crate::evaluate::compare::{AtDensity, Comparison, Paired, Verdict};
 use crate::evaluate::intervals::{Estimate, FEWEST};
 use crate::evaluate::tracking::Tracking;
@@ -42,6 +43,10 @@ pub(super) struct Arguments {
     /// Seed of the random starts
     #[arg(long, default_value_t = SEED)]
     seed: u64,
+    /// Compare in worlds randomised as the table [randomisation] of this TOML file says: survival,
+    /// stopping and reward. The file holds the table alone, or a configuration
+    #[arg(long, value_name = "FILE")]
+    randomisation: Option<PathBuf>,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
@@ -50,7 +55,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (a, b) = (a.map_err(input)?, b.map_err(input)?);
     let (first, second) = (a.policy().map_err(input)?, b.policy().map_err(input)?);
     let starts = arguments.starts as usize;
-    let comparison = Comparison::new(&first, &second, starts, arguments.seed);
+    let randomisation = arguments.randomisation.as_deref().map(Randomisation::read).transpose();
+    let randomisation = randomisation.map_err(input)?;
+    let seed = arguments.seed;
+    let comparison = Comparison::in_worlds(&first, &second, starts, seed, randomisation.as_ref());
     if arguments.json {
         return print(&comparison.to_json());
     }
@@ -91,6 +99,14 @@ const METRICS: [MetricColumn; 3] = [
 fn tables(c: &Comparison) -> Result<String, fmt::Error> {
     let mut text =
         format!("\nThe same {} starts for both at each density; 95 % intervals.\n", c.starts);
+    if let Some(randomisation) = &c.randomisation {
+        let keys: Vec<&str> = randomisation.parameters().map(Parameter::key).collect();
+        writeln!(
+            text,
+            "Survival, stopping and reward in randomised worlds, the same for both: {}.",
+            keys.join(", ")
+        )?;
+    }
     for metric in &METRICS {
         table(&mut text, metric, &c.densities)?;
     }

@@ -2,8 +2,10 @@
 
 use super::output::print;
 use super::{Failure, input};
+use crate::config::Randomisation;
 use crate::evaluate::conditions::Extent;
 use crate::evaluate::goals::assess;
+use crate::evaluate::randomised;
 use crate::evaluate::report::Report;
 use clap::Args;
 use leg_process::policy_file::PolicyFile;
@@ -38,6 +40,10 @@ pub(super) struct Arguments {
     /// Evaluate moon and mars at every density ratio, not only on land
     #[arg(long)]
     full: bool,
+    /// Evaluate in randomised worlds, too: each quantity of the table [randomisation] of this TOML
+    /// file alone, and all together. The file holds the table alone, or a configuration
+    #[arg(long, value_name = "FILE")]
+    randomisation: Option<PathBuf>,
 }
 
 /// Returns the tables of a report and how it compares with the goals.
@@ -49,6 +55,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let bytes = PolicyFile::read(&arguments.policy).map_err(input)?;
     let policy = bytes.policy().map_err(input)?;
     let extent = if arguments.full { Extent::Full } else { Extent::Land };
-    let report = Report::of(&policy, arguments.starts as usize, arguments.seed, extent);
+    let randomisation = arguments.randomisation.as_deref().map(Randomisation::read).transpose();
+    let randomisation = randomisation.map_err(input)?;
+    let (starts, seed) = (arguments.starts as usize, arguments.seed);
+    let mut report = Report::of(&policy, starts, seed, extent);
+    if let Some(randomisation) = &randomisation {
+        report.randomised = randomised::table(policy.actor(), randomisation, starts, seed);
+    }
     if arguments.json { print(&report.to_json()) } else { print(&text(&report)) }
 }

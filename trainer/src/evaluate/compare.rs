@@ -14,7 +14,8 @@
 use super::intervals::{CONFIDENCE, Estimate, Pairs, holm, mean, median, sign_test};
 use super::survival::{Rollout, draw_starts, rollouts};
 use super::tracking::{Tracking, highest_speeds, tracking_table};
-use super::{DENSITIES, hopper};
+use super::{DENSITIES, hopper, randomised};
+use crate::config::Randomisation;
 use leg_control::policy::Policy;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
@@ -97,6 +98,9 @@ pub struct Comparison {
     pub starts: usize,
     /// Seed of the starts.
     pub seed: u64,
+    /// What is randomised in the metrics of random starts; `None` for nothing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub randomisation: Option<Randomisation>,
     /// Metrics by density ratio, ascending.
     pub densities: Vec<AtDensity>,
     /// Tracking of the first and of the second policy.
@@ -214,10 +218,29 @@ impl Comparison {
     /// If there are no starts.
     #[must_use]
     pub fn new(a: &Policy<'_>, b: &Policy<'_>, starts: usize, seed: u64) -> Self {
+        Self::in_worlds(a, b, starts, seed, None)
+    }
+
+    /// Runs two policies as [`Self::new`] does; with a randomisation, each start in the same world
+    /// for both. Tracking and highest speed are those of the exact world.
+    ///
+    /// # Panics
+    /// If there are no starts, or the randomisation does not pass its check.
+    #[must_use]
+    pub fn in_worlds(
+        a: &Policy<'_>,
+        b: &Policy<'_>,
+        starts: usize,
+        seed: u64,
+        randomisation: Option<&Randomisation>,
+    ) -> Self {
         assert!(starts > 0, "nothing to compare without starts");
         let drawn = draw_starts(starts, &mut Pcg64::seed_from_u64(seed));
         let both = DENSITIES.map(|rho| {
-            let of = |policy: &Policy<'_>| rollouts(policy.actor(), &hopper(rho), rho, &drawn);
+            let of = |policy: &Policy<'_>| match randomisation {
+                None => rollouts(policy.actor(), &hopper(rho), rho, &drawn),
+                Some(worlds) => randomised::rollouts(policy.actor(), worlds, rho, &drawn, seed),
+            };
             (rho, of(a), of(b))
         });
         let table = |policy: &Policy<'_>| tracking_table(policy.actor(), &policy.manifest().gains);
@@ -227,6 +250,7 @@ impl Comparison {
         Self {
             starts,
             seed,
+            randomisation: randomisation.cloned(),
             densities: at_densities(&both),
             tracked,
             tracking_differs,

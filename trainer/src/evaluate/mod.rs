@@ -11,6 +11,7 @@ pub mod gains;
 pub mod goals;
 pub mod intervals;
 pub mod metric;
+pub mod randomised;
 pub mod report;
 mod score;
 pub mod selection;
@@ -18,6 +19,7 @@ pub mod survival;
 pub mod tracking;
 
 use crate::environment::leg;
+use crate::world::Shown;
 use leg_control::actor::{Actor, Observation};
 use leg_plant::{Action, Apex, Hopper, Medium};
 
@@ -40,9 +42,16 @@ pub fn hopper(density_ratio: f64) -> Hopper {
 /// that it observes.
 #[must_use]
 pub fn act(actor: &Actor<'_>, density_ratio: f64, apex: Apex, offset_m_s: f32) -> Action {
+    act_on(actor, [apex.vx_m_s, apex.y_m, density_ratio], offset_m_s)
+}
+
+/// Returns the actor's action for what it observes, with `offset_m_s` subtracted from the velocity.
+#[must_use]
+pub fn act_on(actor: &Actor<'_>, shown: Shown, offset_m_s: f32) -> Action {
+    let [vx_m_s, y_m, density_ratio] = shown;
     let action = actor.act(Observation {
-        apex_vx_m_s: apex.vx_m_s as f32 - offset_m_s,
-        apex_y_m: apex.y_m as f32,
+        apex_vx_m_s: vx_m_s as f32 - offset_m_s,
+        apex_y_m: y_m as f32,
         density_ratio: density_ratio as f32,
     });
     Action {

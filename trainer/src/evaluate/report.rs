@@ -1,6 +1,7 @@
 //! The evaluation of a policy, as data, as JSON and as tables.
 
 use super::conditions::{Condition, ConditionResult, Extent};
+use super::randomised::{Row, Table};
 use super::survival::{Survival, draw_starts, survival};
 use super::tracking::{
     RAMP_CAP_M_S, RAMP_LAG_LIMIT_M_S, SET_POINTS, Tracking, highest_speeds, tracking_table,
@@ -25,6 +26,8 @@ pub struct Report {
     pub max_speed: Vec<(f64, f64)>,
     /// Survival with other legs and other gravity.
     pub conditions: Vec<ConditionResult>,
+    /// Survival in randomised worlds; empty where none was asked for.
+    pub randomised: Vec<Row>,
 }
 
 /// The JSON form of a report, keyed by density ratio.
@@ -37,9 +40,11 @@ struct Json<'a> {
     tracking: &'a [Tracking],
     max_speed: Value,
     conditions: &'a [ConditionResult],
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    randomised: Vec<Value>,
 }
 
-fn keyed<T: Copy, V: Into<Value>>(by_density: &[(f64, T)], f: impl Fn(T) -> V) -> Value {
+pub(super) fn keyed<T: Copy, V: Into<Value>>(by_density: &[(f64, T)], f: impl Fn(T) -> V) -> Value {
     let entries = by_density.iter().map(|&(rho, x)| (rho.to_string(), f(x).into()));
     Value::Object(entries.collect::<Map<_, _>>())
 }
@@ -64,6 +69,7 @@ impl Report {
             tracking: tracking_table(actor, gains),
             max_speed: highest_speeds(actor, gains),
             conditions: Condition::all(extent).into_iter().map(|c| c.run(actor, &starts)).collect(),
+            randomised: Vec::new(),
         }
     }
 
@@ -81,6 +87,7 @@ impl Report {
             tracking: &self.tracking,
             max_speed: keyed(&self.max_speed, |v| v),
             conditions: &self.conditions,
+            randomised: self.randomised.iter().map(Row::to_json).collect(),
         };
         serde_json::to_string(&json).expect("numbers have a JSON form")
     }
@@ -163,6 +170,7 @@ impl fmt::Display for Report {
             "Tracked: {tracked} of the {} set-points with a known steady gait; {fell} fell.",
             possible.len()
         )?;
-        self.write_conditions(f)
+        self.write_conditions(f)?;
+        if self.randomised.is_empty() { Ok(()) } else { write!(f, "\n{}", Table(&self.randomised)) }
     }
 }

@@ -44,12 +44,12 @@ pub struct Rollout {
     pub reward5: f64,
 }
 
-/// Runs one start.
-fn rollout(actor: &Actor<'_>, hopper: &Hopper, density_ratio: f64, start: Apex) -> Rollout {
+/// Runs one start; `hop` returns the next apex, or `None` after a fall.
+pub(super) fn rollout(start: Apex, mut hop: impl FnMut(Apex) -> Option<Apex>) -> Rollout {
     let mut apex = start;
     let mut reward5 = 0.0;
     for step in 0..HOPS {
-        let Some(next) = hop(actor, hopper, density_ratio, apex, 0.0) else {
+        let Some(next) = hop(apex) else {
             return Rollout { last_abs_v: None, reward5 };
         };
         if step < REWARDED {
@@ -74,7 +74,7 @@ pub fn rollouts(
     starts
         .par_iter()
         .with_min_len(32)
-        .map(|&start| rollout(actor, hopper, density_ratio, start))
+        .map(|&start| rollout(start, |apex| hop(actor, hopper, density_ratio, apex, 0.0)))
         .collect()
 }
 
@@ -86,12 +86,16 @@ pub fn survival(
     density_ratio: f64,
     starts: &[Apex],
 ) -> Survival {
-    let rollouts = rollouts(actor, hopper, density_ratio, starts);
+    summary(&rollouts(actor, hopper, density_ratio, starts))
+}
+
+/// Summarises the outcomes of starts.
+pub(super) fn summary(rollouts: &[Rollout]) -> Survival {
     let mut speeds: Vec<f64> = rollouts.iter().filter_map(|r| r.last_abs_v).collect();
     speeds.sort_by(f64::total_cmp);
-    let count = starts.len().max(1) as f64;
+    let count = rollouts.len().max(1) as f64;
     Survival {
-        starts: starts.len(),
+        starts: rollouts.len(),
         survive30: speeds.len() as f64 / count,
         abs_v_median: quantile(&speeds, 0.5),
         abs_v_p95: quantile(&speeds, 0.95),
