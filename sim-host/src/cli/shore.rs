@@ -6,7 +6,9 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::Context;
+use clap::ValueEnum as _;
 use indicatif::{ProgressBar, ProgressStyle};
+use leg_control::serial::message::Estimator;
 use leg_host::TimeMode;
 use leg_process::stdout;
 use leg_process::{Stop, rounded, stderr};
@@ -14,10 +16,11 @@ use leg_process::{Stop, rounded, stderr};
 use super::recording::Recording;
 use super::{checked_policy, misuse, unwritable};
 use crate::scenario::{Scenario, Settings};
-use crate::session::TickRecord;
+use crate::sensors::SensorProfile;
 use crate::session::child::ControllerArgs;
-use crate::session::hooks::Observe;
+use crate::session::replica::ControllerReplica;
 use crate::session::two_processes::{self, ConnectOptions, new_run_id};
+use crate::session::{Hooks, TickRecord};
 use crate::shore::track::ApexMark;
 use crate::shore::{TrackRecorder, picture};
 use leg_process::atomic_file::AtomicFile;
@@ -28,11 +31,18 @@ const PROGRESS_M: f64 = 5.0;
 const TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Runs the shipped policy from water over the shore onto land.
+///
+/// With the sensors `imu` neither velocity nor height nor density is sensed: the controller
+/// estimates them from accelerometer, encoders of the leg and contact, and the picture shows the
+/// estimates beside the truth.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// Policy file [default: the shipped policy].
     #[arg(long, value_name = "FILE")]
     policy: Option<PathBuf>,
+    /// Sensors of the leg by name of their profile; the controller takes the estimator for them.
+    #[arg(long, value_name = "PROFILE", default_value = "imu")]
+    sensors: SensorProfile,
     /// Directory for the picture, shore.svg [default: out].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -45,8 +55,9 @@ pub(super) struct Args {
 }
 
 pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
-    let policy = checked_policy(args.policy.as_deref())?;
-    let name = policy.policy()?.manifest().name.to_owned();
+    let blob = checked_policy(args.policy.as_deref())?;
+    let policy = blob.policy()?;
+    let name = policy.manifest().name.to_owned();
     // Opened before the run, so that an unwritable directory is reported at once if the caller
     // has named it. Without, the run and its table come first.
     let path = args.out.as_deref().unwrap_or(Path::new("out")).join("shore.svg");
@@ -56,12 +67,19 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         (Err(error), None) => Err(anyhow::anyhow!("{error:#}")),
         (picture, _) => picture,
     };
-    let scenario = Scenario::shore();
+    let settings = Settings { sensors: Some(args.sensors), ..Settings::shore() };
+    let scenario = Scenario::from_settings(&settings).map_err(misuse)?;
+    let estimator = scenario.estimator.unwrap_or_default();
     let record = args.record.as_deref();
-    let mut recording =
-        Recording::begin(record, &Settings::shore(), &scenario, TimeMode::LockStep)?;
-    let mut progress = (!args.json).then(|| Progress::begin(&name, &scenario)).transpose()?;
+    let mut recording = Recording::begin(record, &settings, &scenario, TimeMode::LockStep)?;
+    recording.law(estimator, scenario.stale_limit_ns, true);
+    let mut progress = (!args.json).then(|| Progress::begin(&name, args, &scenario)).transpose()?;
     let mut recorder = TrackRecorder::default();
+    let replica = |config| ControllerReplica::new(policy.clone(), config);
+    let mut replica = (estimator != Estimator::Readings)
+        .then(|| scenario.controller_config().map(replica))
+        .transpose()
+        .map_err(misuse)?;
     let stop = Stop::on_signals()?;
     let connect = connect_options(args, &scenario);
     recording.poll_changes(&connect.domain, connect.run_id);
@@ -70,15 +88,12 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         &connect,
         &stop,
         |_| (),
-        &mut (
-            &mut recording,
-            Observe(|tick: &TickRecord| {
-                let apex = recorder.observe(tick);
-                if let Some(progress) = &mut progress {
-                    progress.tick(tick, apex);
-                }
-            }),
-        ),
+        &mut Observers {
+            recording: &mut recording,
+            replica: replica.as_mut(),
+            recorder: &mut recorder,
+            progress: progress.as_mut(),
+        },
     );
     let outcome = outcome.map_err(anyhow::Error::from);
     let recorded = recording.finish(outcome.as_ref());
@@ -87,10 +102,17 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         progress.end();
     }
 
-    let report = recorder.report(&outcome, scenario.density.at(outcome.body.x_m));
+    let end_rho = scenario.density.at(outcome.body.x_m);
+    let report = recorder.report(&outcome, args.sensors, end_rho);
     let drawn = picture.and_then(|picture| {
-        draw(picture, &recorder, &scenario).with_context(|| cannot_write(&path))
+        draw(picture, &recorder, args.sensors, &scenario).with_context(|| cannot_write(&path))
     });
+    if let Some(tick) = replica.and_then(|replica| replica.differs_at()) {
+        stderr::print_line(format_args!(
+            "sim-host: warning: from tick {tick} on the controller had another policy or \
+             set-point than this run began with; its estimates from there on are not known"
+        ));
+    }
     if args.json {
         stdout::print_line(serde_json::to_string(&report)?)?;
     } else {
@@ -137,12 +159,61 @@ fn cannot_write(path: &Path) -> String {
     format!("cannot write {}; --out chooses another folder", path.display())
 }
 
-fn draw(mut file: AtomicFile, recorder: &TrackRecorder, scenario: &Scenario) -> anyhow::Result<()> {
-    let svg = picture::draw(recorder.track(), |x_m| scenario.density.at(x_m))
+fn draw(
+    mut file: AtomicFile,
+    recorder: &TrackRecorder,
+    sensors: SensorProfile,
+    scenario: &Scenario,
+) -> anyhow::Result<()> {
+    let note = match sensors {
+        SensorProfile::Ideal => {
+            "The leg senses its velocity and height; the controller \
+                                 estimates the density from its falls."
+        }
+        SensorProfile::TrainedWith => {
+            "The readings of velocity and height are noisy and late; \
+                                       the controller estimates them and the density."
+        }
+        SensorProfile::Imu => {
+            "The leg has an accelerometer, encoders and a contact switch; the \
+                               controller estimates velocity, height and density from them."
+        }
+        SensorProfile::Underwater => {
+            "The leg has an accelerometer, encoders, a contact switch, \
+                                      and in water a Doppler log and a pressure gauge; the \
+                                      controller estimates velocity, height and density from \
+                                      them."
+        }
+    };
+    let svg = picture::draw(recorder, note, |x_m| scenario.density.at(x_m))
         .map_err(|cause| anyhow::anyhow!("cannot draw the picture: {cause}"))?;
     file.write_all(svg.as_bytes())?;
     file.finish()?;
     Ok(())
+}
+
+/// What observes each tick.
+struct Observers<'a, 'p> {
+    recording: &'a mut Recording,
+    /// None where the controller takes its readings for the state.
+    replica: Option<&'a mut ControllerReplica<'p>>,
+    recorder: &'a mut TrackRecorder,
+    progress: Option<&'a mut Progress>,
+}
+
+impl Hooks for Observers<'_, '_> {
+    fn observe(&mut self, tick: &TickRecord<'_>) {
+        let estimate = self.replica.as_mut().and_then(|replica| replica.tick(tick));
+        self.recording.push(tick, estimate);
+        let apex = self.recorder.observe(tick, estimate);
+        if let Some(progress) = &mut self.progress {
+            progress.tick(tick, apex);
+        }
+    }
+
+    fn before_end(&mut self) {
+        self.recording.before_end();
+    }
 }
 
 /// Prints the progress of the run: a bar on a terminal, and a line every few metres.
@@ -152,14 +223,31 @@ struct Progress {
 }
 
 impl Progress {
-    fn begin(policy: &str, scenario: &Scenario) -> io::Result<Self> {
+    fn begin(policy: &str, args: &Args, scenario: &Scenario) -> io::Result<Self> {
+        let sensors = args.sensors.to_possible_value();
         stdout::print_line(format_args!(
-            "Out of the sea: policy `{policy}`, {} Hz, lock-step, two processes",
+            "Out of the sea: policy `{policy}`, sensors `{}`, {} Hz, lock-step, two processes",
+            sensors.as_ref().map_or("", |value| value.get_name()),
             scenario.rate_hz
         ))?;
         stdout::print_line(format_args!(
-            "\n  {:>7}  {:>8}  {:>12}  {:>9}  {:>7}  {:>9}",
-            "time", "distance", "apex velocity", "set-point", "density", "estimated"
+            "What the controller knew of an apex when it decided, beside the truth:\n\n  \
+             {:>7}  {:>8}   {:>25}   {:>16}   {:>17}\n  \
+             {:>7}  {:>8}   {:>7}{:>9}{:>9}   {:>7}{:>9}   {:>8}{:>9}",
+            "time",
+            "distance",
+            "velocity, m/s",
+            "height, m",
+            "density ratio",
+            "s",
+            "m",
+            "wanted",
+            "true",
+            "known",
+            "true",
+            "known",
+            "true",
+            "known"
         ))?;
         let bar = if std::io::stderr().is_terminal() {
             let length_m = scenario.distance_m.unwrap_or(scenario.duration_s);
@@ -178,12 +266,16 @@ impl Progress {
         self.bar.set_message(format!("{:.1} m, {:.2} m/s", apex.x_m, apex.vx_m_s));
         if apex.x_m >= self.next_m {
             self.next_m = (apex.x_m / PROGRESS_M).floor() * PROGRESS_M + PROGRESS_M;
-            let ApexMark {
-                t_s, x_m, vx_m_s, set_point_m_s, density_ratio, density_estimate, ..
-            } = apex;
-            let (x_m, vx_m_s) = (rounded(x_m, 2), rounded(vx_m_s, 3));
+            let ApexMark { t_s, x_m, y_m, vx_m_s, set_point_m_s, density_ratio, decision } = apex;
+            let Some(decision) = decision else { return };
             let line = format!(
-                "  {t_s:>5.1} s  {x_m:>6.2} m  {vx_m_s:>8.3} m/s  {set_point_m_s:>5.1} m/s  {density_ratio:>7.3}  {density_estimate:>9.3}"
+                "  {t_s:>7.1}  {:>8.2}   {set_point_m_s:>7.1}{:>9.3}{:>9.3}   {y_m:>7.3}{:>9.3}   \
+                 {density_ratio:>8.3}{:>9.3}",
+                rounded(x_m, 2),
+                rounded(vx_m_s, 3),
+                rounded(decision.vx_m_s, 3),
+                decision.y_m,
+                rounded(decision.density_ratio, 3),
             );
             // A failure to print does not stop the run; the final report will fail with the reason.
             let _ = self.bar.suspend(|| stdout::print_line(line));

@@ -8,6 +8,7 @@ pub mod leg;
 pub mod lock_step;
 mod outcome;
 pub mod real_time;
+pub mod replica;
 pub mod stepped;
 mod timing;
 pub mod two_processes;

@@ -1,13 +1,20 @@
 //! The report of the demonstration, as a text table and as JSON.
 
-use super::track::{ApexMark, Track};
-use crate::session::RoundTripUs;
-use serde::Serialize;
 use std::fmt;
+
+use clap::ValueEnum as _;
+use serde::Serialize;
+
+use super::estimates::{EstimateSummary, Quantities};
+use super::track::{ApexMark, Track};
+use crate::sensors::SensorProfile;
+use crate::session::RoundTripUs;
 
 /// Result of the demonstration; its fields are the keys of the JSON output.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
+    /// Profile of the leg's sensors.
+    pub sensors: SensorProfile,
     /// Falls, 0 or 1: the run ends at a fall.
     pub falls: u32,
     /// Number of apexes.
@@ -28,8 +35,12 @@ pub struct Report {
     pub tracking: Regions<f64>,
     /// Results in each region.
     pub regions: Regions<Region>,
-    /// Largest error of the density estimate at an apex.
+    /// Largest error of the density that the controller decided by.
     pub rho_error_max: f64,
+    /// How the estimates fit the truth; none where the controller takes its readings for the
+    /// state.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub estimates: Option<EstimateSummary>,
     /// Hash of all states and commands of the run.
     pub state_hash: String,
 }
@@ -54,8 +65,10 @@ pub struct Region {
     pub mean_v: f64,
     /// Mean absolute error of the velocity, m/s.
     pub tracking_error: f64,
-    /// Largest error of the density estimate.
+    /// Largest error of the density that the controller decided by.
     pub rho_error_max: f64,
+    /// Root mean square of the errors of what the controller decided by.
+    pub decision_error_rms: Quantities<f64>,
 }
 
 impl Region {
@@ -63,11 +76,17 @@ impl Region {
         let mean = |f: &dyn Fn(&ApexMark) -> f64| {
             apexes.iter().map(|a| f(a)).sum::<f64>() / apexes.len().max(1) as f64
         };
+        let errors: Vec<[f64; 3]> = apexes.iter().filter_map(|a| a.estimate_errors()).collect();
+        let rms = |i: usize| {
+            let squares = errors.iter().map(|error| error[i] * error[i]);
+            (squares.sum::<f64>() / errors.len().max(1) as f64).sqrt()
+        };
         Self {
             hops: apexes.len(),
             mean_v: mean(&|a| a.vx_m_s),
             tracking_error: mean(&ApexMark::error_m_s),
-            rho_error_max: apexes.iter().map(|a| a.density_error()).fold(0.0, f64::max),
+            rho_error_max: errors.iter().map(|error| error[2].abs()).fold(0.0, f64::max),
+            decision_error_rms: Quantities { velocity: rms(0), height: rms(1), density: rms(2) },
         }
     }
 }
@@ -110,9 +129,32 @@ impl fmt::Display for Report {
         row(f, "mean velocity", "m/s", [water.mean_v, shore.mean_v, land.mean_v])?;
         let errors = [water.tracking_error, shore.tracking_error, land.tracking_error];
         row(f, "mean |v - set-point|", "m/s", errors)?;
-        let rho_errors = [water.rho_error_max, shore.rho_error_max, land.rho_error_max];
-        row(f, "density estimate, max error", "", rho_errors)?;
+        writeln!(f, "  error of what the controller decided by, rms")?;
+        let rms = [water, shore, land].map(|region| region.decision_error_rms);
+        row(f, "  velocity", "m/s", rms.map(|rms| rms.velocity))?;
+        row(f, "  height", "m", rms.map(|rms| rms.height))?;
+        row(f, "  density ratio", "", rms.map(|rms| rms.density))?;
         writeln!(f)?;
+        let sensors = self.sensors.to_possible_value();
+        let sensors = sensors.as_ref().map_or("", |value| value.get_name());
+        match &self.estimates {
+            None => {
+                writeln!(
+                    f,
+                    "  sensors {sensors}: the controller takes its readings for the state"
+                )?;
+            }
+            Some(EstimateSummary { within_two_sigma: share, .. }) => {
+                let [velocity, height, density] =
+                    [share.velocity, share.height, share.density].map(|share| 100.0 * share);
+                writeln!(
+                    f,
+                    "  sensors {sensors}: in flight the estimate is within two of its standard \
+                     deviations for\n  {velocity:.0} % (velocity), {height:.0} % (height), \
+                     {density:.0} % (density) of the time"
+                )?;
+            }
+        }
         let RoundTripUs { p50, p99, max, .. } = self.round_trip_us;
         let Self { falls, hops, distance_m, sim_time_s, ticks, ticks_per_s, state_hash, .. } = self;
         writeln!(f, "  {hops} hops, {falls} falls, {distance_m:.2} m in {sim_time_s:.1} s")?;
@@ -124,6 +166,7 @@ impl fmt::Display for Report {
 
 #[cfg(test)]
 mod tests {
+    use super::super::track::Decision;
     use super::*;
 
     #[test]
@@ -135,7 +178,7 @@ mod tests {
             vx_m_s,
             set_point_m_s: 1.0,
             density_ratio,
-            density_estimate: density_ratio + 0.01,
+            decision: Some(Decision { vx_m_s, y_m: 1.5, density_ratio: density_ratio + 0.01 }),
         };
         let apexes = vec![apex(1.0, 0.5), apex(1.0, 1.5), apex(0.4, 0.9), apex(0.0, 1.0)];
         let regions = Regions::of(&Track { apexes, ..Track::default() });
@@ -144,5 +187,7 @@ mod tests {
         assert_eq!(regions.water.tracking_error, 0.5);
         assert!((regions.shore.rho_error_max - 0.01).abs() < 1e-12);
         assert_eq!(regions.land.tracking_error, 0.0);
+        let rms = regions.water.decision_error_rms;
+        assert_eq!((rms.velocity, rms.height), (0.0, 0.5));
     }
 }

@@ -14,6 +14,17 @@ pub struct LegPose {
     pub mass: Point,
 }
 
+/// What the controller knew of an apex when it decided on its action.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Decision {
+    /// Horizontal velocity, m/s.
+    pub vx_m_s: f64,
+    /// Height, m.
+    pub y_m: f64,
+    /// Density ratio of the medium.
+    pub density_ratio: f64,
+}
+
 /// An apex of the run.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ApexMark {
@@ -29,21 +40,27 @@ pub struct ApexMark {
     pub set_point_m_s: f64,
     /// Density ratio of the medium.
     pub density_ratio: f64,
-    /// Density ratio that the actor received.
-    pub density_estimate: f64,
+    /// The controller's decision for this apex; none while it has not been received.
+    pub decision: Option<Decision>,
 }
 
 impl ApexMark {
-    /// Returns the absolute error of the velocity, m/s.
+    /// Returns the absolute error of the velocity against the set-point, m/s.
     #[must_use]
     pub fn error_m_s(&self) -> f64 {
         (self.vx_m_s - self.set_point_m_s).abs()
     }
 
-    /// Returns the absolute error of the density estimate.
+    /// Returns the errors of what the controller knew: velocity, m/s, height, m, and density
+    /// ratio.
     #[must_use]
-    pub fn density_error(&self) -> f64 {
-        (self.density_estimate - self.density_ratio).abs()
+    pub fn estimate_errors(&self) -> Option<[f64; 3]> {
+        let decision = self.decision?;
+        Some([
+            decision.vx_m_s - self.vx_m_s,
+            decision.y_m - self.y_m,
+            decision.density_ratio - self.density_ratio,
+        ])
     }
 }
 
@@ -52,6 +69,8 @@ impl ApexMark {
 pub struct Track {
     /// Path of the mass.
     pub path: Vec<Point>,
+    /// Horizontal velocity along the path: place, m, and velocity, m/s.
+    pub velocity: Vec<Point>,
     /// Pose at each touchdown.
     pub touchdowns: Vec<LegPose>,
     /// Pose at each lift-off.
