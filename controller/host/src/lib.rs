@@ -33,6 +33,7 @@ pub mod node_server;
 pub mod policy_cache;
 pub mod realtime;
 pub mod reconnect;
+pub mod recorded;
 pub mod serial;
 pub mod serve;
 pub mod server;

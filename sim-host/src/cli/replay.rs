@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use leg_host::recorded::RecordedError;
 use leg_process::policy_file::PolicyFile;
 use leg_process::{stderr, stdout};
 
@@ -43,8 +44,10 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
 /// Adds the option that helps; the caller can correct every error of a replay.
 fn with_hint(error: &ReplayError) -> anyhow::Error {
     let hint = match error {
-        ReplayError::NoPolicy(_) => Some("--policy FILE names it".to_owned()),
-        ReplayError::Read(cause) => hint::read_error(cause),
+        ReplayError::Law(RecordedError::NoPolicy(_)) => Some("--policy FILE names it".to_owned()),
+        ReplayError::Read(cause) | ReplayError::Law(RecordedError::Read(cause)) => {
+            hint::read_error(cause)
+        }
         _ => None,
     };
     misuse(leg_host::cli::hint::with_hint(error, hint))

@@ -10,13 +10,12 @@
 
 use std::collections::VecDeque;
 
-use leg_control::policy::Policy;
-use leg_control::wire::{Command, Header, Sample};
+use leg_control::wire::{Command, Sample};
 use leg_control::wire_controller::WireController;
+use leg_host::recorded::{SetPoints, Swap};
 
 use super::compare::{Difference, difference};
 use super::source::Answer;
-use crate::record::schema::SetPoint;
 
 /// Most controller states kept. In flight an additional sample changes a command
 /// only at the next apex, so each unanswered sample doubles the number of states
@@ -31,50 +30,6 @@ const MAX_EMPTY_TICKS: u32 = 64;
 const MAX_TRIES: usize = 8 * MAX_CANDIDATES;
 /// Most ways to place the ticks without a sample that are tried for each set of samples.
 const MAX_PLACEMENTS: usize = 256;
-
-/// A policy that the controller received before a tick.
-#[derive(Clone, Debug)]
-pub(super) struct Swap<'a> {
-    /// Run id and tick.
-    pub(super) at: (u32, u64),
-    /// `None` if the recording does not contain the policy.
-    pub(super) policy: Option<Policy<'a>>,
-}
-
-/// The set-points of requests to the controller, each from a tick on, by run id and tick.
-#[derive(Clone, Debug, Default)]
-pub(super) struct SetPoints(Vec<((u32, u64), Option<f32>)>);
-
-impl SetPoints {
-    pub(super) fn of(recorded: &[SetPoint]) -> Self {
-        let mut all: Vec<_> = recorded
-            .iter()
-            .map(|s| ((s.run_id, s.seq), s.is_set.then_some(s.set_point_m_s)))
-            .collect();
-        all.sort_by_key(|(at, _)| *at);
-        Self(all)
-    }
-
-    /// Returns the set-point in place of that in the sample with this header, m/s.
-    fn at(&self, header: &Header) -> Option<f32> {
-        let now = (header.run_id, header.seq);
-        let count = self.0.partition_point(|(at, _)| *at <= now);
-        self.0[..count].last()?.1
-    }
-
-    /// Runs one tick as the recorded controller did, or one without a sample, after the sample
-    /// with the header `last`.
-    pub(super) fn tick(
-        &self,
-        controller: &mut WireController<'_>,
-        sample: Option<&Sample>,
-        last: &Header,
-    ) -> Command {
-        let header = sample.map_or(last, |sample| &sample.header);
-        let set_point_m_s = self.at(header).or(sample.map(|sample| sample.set_point_m_s));
-        controller.tick_at(sample, set_point_m_s)
-    }
-}
 
 /// Why the recorded commands cannot be reproduced.
 #[derive(Debug)]
@@ -296,8 +251,8 @@ fn plausible_subsets(unanswered: &[Sample]) -> Vec<Vec<&Sample>> {
 #[cfg(test)]
 mod tests {
     use leg_control::config::Config;
-    use leg_control::policy::SHIPPED;
-    use leg_control::wire::{WIRE_VERSION, flags};
+    use leg_control::policy::{Policy, SHIPPED};
+    use leg_control::wire::{Header, WIRE_VERSION, flags};
 
     use super::*;
 

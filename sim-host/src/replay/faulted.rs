@@ -12,9 +12,10 @@ use leg_control::wire::{Command, Header, Sample};
 use leg_control::wire_controller::WireController;
 use leg_host::LegLink;
 use leg_host::memory::Inline;
+use leg_host::recorded::{SetPoints, Swap};
 
 use super::compare::difference;
-use super::controller::{Continuity, SetPoints, Swap};
+use super::controller::Continuity;
 use super::report::ReplayReport;
 use super::source::Answer;
 use crate::faults::stage::{FaultPlan, FaultyLink, SteppedLink};

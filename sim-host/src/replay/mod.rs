@@ -16,19 +16,16 @@ mod source;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
-use leg_control::config::{Config as ControlConfig, ConfigError};
-use leg_control::policy::{ParseError, Policy};
-use leg_control::serial::node::SessionParams;
 use leg_control::wire_controller::WireController;
-use leg_process::policy_file::{AlignedBytes, PolicyFile, PolicyFileError};
+use leg_host::recorded::{self, RecordedError, SetPoints, Swap};
+use leg_process::policy_file::{PolicyFile, PolicyFileError};
 
 use crate::record::contents::Contents;
 use crate::record::read::ReadError;
 use crate::record::schema::Channel;
-use crate::record::versions::READABLE;
 
 pub use compare::{Difference, difference};
-use controller::{Divergence, ReplayController, SetPoints, Swap};
+use controller::{Divergence, ReplayController};
 use faulted::Faulted;
 pub use report::{ApexComparison, ReplayReport};
 pub use source::{Answer, Source};
@@ -40,37 +37,12 @@ pub enum ReplayError {
     /// The recording cannot be read.
     #[error(transparent)]
     Read(#[from] ReadError),
+    /// Its control law cannot run.
+    #[error(transparent)]
+    Law(#[from] RecordedError),
     /// The other policy is invalid.
     #[error(transparent)]
     Policy(#[from] PolicyFileError),
-    /// The recording contains no policy.
-    #[error(
-        "{} contains no policy that ran from its first tick (topic {}), as when the controller was \
-         behind a bridge, or another program has removed it",
-        .0.display(),
-        Channel::Policy.topic()
-    )]
-    NoPolicy(PathBuf),
-    /// A policy in the recording is invalid.
-    #[error("{}: the policy `{name}` in it cannot run: {cause}", path.display())]
-    BadPolicy {
-        /// The recording.
-        path: PathBuf,
-        /// The policy's name.
-        name: String,
-        /// The check that it fails.
-        cause: ParseError,
-    },
-    /// The recording has another version of the messages.
-    #[error("{}: its messages have version {theirs}, this program reads versions {} to {}; replay it with the release that made it ({release})", path.display(), READABLE.start(), READABLE.end())]
-    WireVersion {
-        /// The recording.
-        path: PathBuf,
-        /// Its version.
-        theirs: u32,
-        /// Version of the program that made it.
-        release: String,
-    },
     /// No command was compared, so nothing is known of the others.
     #[error("{}: no command was compared: {why}", path.display())]
     NothingCompared {
@@ -78,22 +50,6 @@ pub enum ReplayError {
         path: PathBuf,
         /// The cause.
         why: String,
-    },
-    /// Its control law is not known.
-    #[error("{}: {cause}; replay it with the release that made it", path.display())]
-    Law {
-        /// The recording.
-        path: PathBuf,
-        /// What is not known.
-        cause: String,
-    },
-    /// Its rate, gravity, stale limit or noise is out of range.
-    #[error("{}: {cause}", path.display())]
-    Config {
-        /// The recording.
-        path: PathBuf,
-        /// The cause.
-        cause: ConfigError,
     },
 }
 
@@ -103,19 +59,18 @@ pub enum ReplayError {
 /// [`ReplayError`] if the recording or the policy cannot be used.
 pub fn replay(path: &Path, other: Option<&PolicyFile>) -> Result<ReplayReport, ReplayError> {
     let contents = Contents::of(path)?;
-    let config = control_config(path, &contents)?;
+    let config = recorded::config(path, &contents)?;
     let first_tick = contents.first()?;
     if contents.commands == 0 {
         return Err(contents.missing("new command of a controller", Channel::Command).into());
     }
-    let blobs: Vec<AlignedBytes> =
-        contents.policies.iter().map(|policy| policy.blob.as_slice().into()).collect();
+    let blobs = recorded::blobs(&contents);
     let mut swaps = match other {
         Some(other) => VecDeque::from([Swap { at: first_tick, policy: Some(other.policy()?) }]),
-        None => recorded_policies(path, &contents, &blobs)?,
+        None => recorded::policies(path, &contents, &blobs)?,
     };
     let Some(Swap { policy: Some(first), .. }) = swaps.pop_front() else {
-        return Err(ReplayError::NoPolicy(path.to_owned()));
+        return Err(RecordedError::NoPolicy(path.to_owned()).into());
     };
     let faulted = Faulted::of(&contents)?;
     let name = first.manifest().name;
@@ -187,61 +142,4 @@ fn finished(mut report: ReplayReport, path: &Path) -> Result<ReplayReport, Repla
         return Err(ReplayError::NothingCompared { path: path.to_owned(), why });
     }
     Ok(report)
-}
-
-fn control_config(path: &Path, contents: &Contents) -> Result<ControlConfig, ReplayError> {
-    let config = contents.config()?;
-    if !READABLE.contains(&config.wire_version) {
-        return Err(ReplayError::WireVersion {
-            path: path.to_owned(),
-            theirs: config.wire_version,
-            release: config.sim_host_version.clone(),
-        });
-    }
-    let usual = SessionParams::default();
-    let (estimator, stale_limit_ns) = match contents.laws.as_slice() {
-        [] => (usual.estimator, usual.stale_limit_ns.into()),
-        [law] => {
-            let unknown = |cause| ReplayError::Law { path: path.to_owned(), cause };
-            (leg_host::law::of_recording(law).map_err(unknown)?, law.stale_limit_ns)
-        }
-        more => return Err(contents.merged(format!("it has {} control laws", more.len())).into()),
-    };
-    SessionParams {
-        rate_hz: config.rate_hz,
-        gravity_m_s2: config.gravity_m_s2,
-        // What does not fit is out of range.
-        stale_limit_ns: u32::try_from(stale_limit_ns).unwrap_or(u32::MAX),
-        estimator,
-    }
-    .config()
-    .map_err(|cause| ReplayError::Config { path: path.to_owned(), cause })
-}
-
-/// Returns the policies in the order in which the controller received them.
-fn recorded_policies<'a>(
-    path: &Path,
-    contents: &Contents,
-    blobs: &'a [AlignedBytes],
-) -> Result<VecDeque<Swap<'a>>, ReplayError> {
-    let mut swaps = Vec::new();
-    for (recorded, blob) in contents.policies.iter().zip(blobs) {
-        let policy = if recorded.blob.is_empty() {
-            None
-        } else {
-            let policy = Policy::parse(blob.as_slice()).map_err(|cause| {
-                let name = recorded.name.clone();
-                ReplayError::BadPolicy { path: path.to_owned(), name, cause }
-            })?;
-            Some(policy)
-        };
-        swaps.push(Swap { at: (recorded.run_id, recorded.seq), policy });
-    }
-    swaps.sort_by_key(|swap| swap.at);
-    // Without the policy of the first tick the replay cannot start.
-    let first_tick = contents.first()?;
-    if swaps.first().is_none_or(|first| first.at > first_tick) {
-        swaps.clear();
-    }
-    Ok(swaps.into())
 }

@@ -9,6 +9,7 @@ use leg_control::wire::{Command, Sample, SensorReadings, WIRE_VERSION, flags};
 use leg_control::wire_controller::WireController;
 use leg_host::TimeMode;
 use leg_host::memory::Inline;
+use leg_host::recorded::RecordedError;
 use leg_process::policy_file::AlignedBytes;
 use rustix::process::Signal;
 use sim_host::record::config;
@@ -559,7 +560,10 @@ fn rejects_files_that_are_not_recordings_with_status_2() {
     // As behind a bridge, whose board does not send its policy.
     let mut controller = shipped_controller();
     record(&file, 1, |_| true, &[], |sample| controller.tick(Some(sample)));
-    assert!(matches!(replay::replay(&file, None), Err(ReplayError::NoPolicy(_))));
+    assert!(matches!(
+        replay::replay(&file, None),
+        Err(ReplayError::Law(RecordedError::NoPolicy(_)))
+    ));
     replay_of(&file).assert(2, &["--policy FILE"]);
     place.start("replay", &[text(&file), "--policy", text(&shipped())]).end().assert_ok();
 
