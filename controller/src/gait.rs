@@ -13,7 +13,7 @@
 use crate::actor::Action;
 use crate::command::{LegCommand, UPRIGHT_RAD};
 #[cfg(feature = "estimator")]
-use crate::estimator::Edge;
+use crate::estimator::{Acted, Edge};
 use crate::geometry::{foot_to_mass, leg_angle_rad};
 use crate::guard::Trusted;
 use crate::math::sqrt;
@@ -204,6 +204,30 @@ impl Gait {
         self.landed_ns = None;
         if let (Phase::Stance { .. }, Some(before)) = (self.phase, before) {
             self.pivot(now, before);
+        }
+    }
+
+    /// Takes what the leg does in place of what the action asks for, of a leg that another
+    /// controller moves: the angle of the leg in flight, and the elongation in stance at a time.
+    #[cfg(feature = "estimator")]
+    pub(crate) fn follow_acted(&mut self, t_ns: u64, acted: &Acted) {
+        match &mut self.phase {
+            Phase::Flight => {
+                if let Some(touchdown_angle_rad) = acted.leg_angle_rad {
+                    let elongation_speed_m_s =
+                        self.plan.map_or(0.0, |plan| plan.action.elongation_speed_m_s);
+                    self.set_action(Action { touchdown_angle_rad, elongation_speed_m_s });
+                }
+            }
+            Phase::Stance { touchdown_ns, elongation_speed_m_s, .. } => {
+                let since_s = seconds_between(*touchdown_ns, t_ns);
+                if let Some(elongation_m) = acted.elongation_m {
+                    // A ramp from touchdown on that is as long now.
+                    let speed_m_s = elongation_m / since_s;
+                    let is_ramp = (0.0..=f32::MAX).contains(&speed_m_s);
+                    *elongation_speed_m_s = if is_ramp { speed_m_s } else { 0.0 };
+                }
+            }
         }
     }
 
@@ -401,6 +425,31 @@ fn apex_between(before: Motion, now: Motion) -> Option<Apex> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// With the law's own commands a leg that another controller moves has a wrong rest length.
+    #[cfg(feature = "estimator")]
+    #[test]
+    fn what_the_leg_did_takes_the_place_of_what_was_commanded() {
+        let mut gait = Gait::new(1.0, 0.1);
+        let acted = |leg_angle_rad, elongation_m| Acted { leg_angle_rad, elongation_m };
+        let action = Action { touchdown_angle_rad: 1.8, elongation_speed_m_s: 0.5 };
+        gait.set_action(action);
+        gait.follow_acted(0, &acted(Some(1.6), Some(0.05)));
+        assert!((gait.touchdown_y_m() - libm::sinf(1.6)).abs() < 1e-5, "held at another angle");
+        assert_eq!(gait.rest_m(0), 1.0, "elongation begins at touchdown");
+
+        let motion = Motion { t_ns: 1_000_000_000, vx_m_s: 0.0, y_m: 1.0, vy_m_s: -1.0 };
+        gait.stand(motion.t_ns, 0.0, motion);
+        let at = |ms: u64| motion.t_ns + ms * 1_000_000;
+        assert!((gait.rest_m(at(40)) - 1.02).abs() < 1e-6, "as commanded");
+        for (ms, elongation_m, rest_m) in
+            [(40, 0.05, 1.05), (41, 0.0, 1.0), (42, 0.3, 1.1), (43, -0.1, 1.0), (0, 0.05, 1.0)]
+        {
+            gait.follow_acted(at(ms), &acted(None, Some(elongation_m)));
+            let found = gait.rest_m(at(ms));
+            assert!((found - rest_m).abs() < 1e-6, "{found} for {elongation_m} m");
+        }
+    }
 
     #[test]
     fn an_apex_is_located_between_ticks() {

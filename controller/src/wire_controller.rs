@@ -4,7 +4,7 @@ use crate::command::Status;
 use crate::config::Config;
 use crate::control::Controller;
 #[cfg(feature = "estimator")]
-use crate::estimator::Estimate;
+use crate::estimator::{Acted, Estimate};
 use crate::guard::{Counts, Reject};
 use crate::policy::Policy;
 use crate::wire::{Command, Header, Sample, WIRE_VERSION};
@@ -67,6 +67,13 @@ impl<'a> WireController<'a> {
     #[must_use]
     pub fn estimate(&self) -> Option<Estimate> {
         self.controller.estimate()
+    }
+
+    /// Takes what the leg does, before the sample of the next tick; see
+    /// [`Controller::follow_acted`].
+    #[cfg(feature = "estimator")]
+    pub fn follow_acted(&mut self, t_ns: u64, acted: &Acted) {
+        self.controller.follow_acted(t_ns, acted);
     }
 
     /// Runs one tick: takes the sample that came, or `None`; returns the command for it.

@@ -11,7 +11,7 @@ use super::Controller;
 use crate::actor::Observation;
 use crate::command::{LegCommand, Status, Telemetry};
 use crate::config::Config;
-use crate::estimator::{Estimate, Estimator, Events};
+use crate::estimator::{Acted, Estimate, Estimator, Events};
 use crate::gait::{Apex, Followed};
 use crate::guard::{Channels, Trusted};
 use crate::math::clamp;
@@ -66,6 +66,12 @@ impl Controller<'_> {
     #[must_use]
     pub fn estimate(&self) -> Option<Estimate> {
         self.tracked.as_ref().and_then(|tracked| tracked.estimator.estimate())
+    }
+
+    /// Takes what the leg does, for the measurement of the next step, in place of the law's own
+    /// commands: so the estimate is right also of a leg that another controller moves.
+    pub fn follow_acted(&mut self, t_ns: u64, acted: &Acted) {
+        self.gait.follow_acted(t_ns, acted);
     }
 
     /// Forgets the estimate, if there is an estimator. Not inlined: few ticks call it.

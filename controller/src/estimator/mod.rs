@@ -59,6 +59,15 @@ pub struct Estimate {
     pub innovation: f32,
 }
 
+/// What a leg does that another controller moves, as far as it is known.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Acted {
+    /// Angle of the leg from the +x axis for which it is held in flight, rad.
+    pub leg_angle_rad: Option<f32>,
+    /// Extension of the spring's rest length in stance, m; up to that of the policy's leg.
+    pub elongation_m: Option<f32>,
+}
+
 /// What happened since the measurement before, and the state at it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[expect(clippy::struct_excessive_bools, reason = "facts that do not depend on each other")]
