@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 pub mod contents;
+pub mod other;
 pub mod read;
 pub mod schema;
 pub mod versions;

@@ -1,25 +1,19 @@
 //! Reads a recording, also one that was cut off or written anew by another program.
 
 mod chunk;
+mod records;
 
 use std::collections::HashMap;
-use std::fs::File;
 use std::hash::{DefaultHasher, Hasher};
-use std::io::{self, Read};
+use std::io;
 use std::path::{Path, PathBuf};
 
-use mcap::records::{Record, op};
-use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use mcap::records::Record;
 use mcap::{McapError, McapResult};
 
 use super::schema::{AnyMessage, Channel, PROFILE};
 use super::versions::as_of_this_version;
-use chunk::Chunk;
-
-/// Longest chunk or message accepted, bytes.
-const MAX_RECORD_LEN: usize = 1 << 27;
-/// Bytes read from the file at once, at least.
-const BUFFER_LEN: usize = 1 << 18;
+pub(crate) use records::Records;
 
 /// Why a file cannot be read as a recording.
 #[derive(Debug, thiserror::Error)]
@@ -120,18 +114,11 @@ pub struct TimedMessage {
     pub message: AnyMessage,
 }
 
-/// Reads a recording chunk by chunk and verifies the checksum of each.
+/// Reads a recording message by message.
 pub struct Reader {
-    path: PathBuf,
-    file: File,
-    mcap: LinearReader,
+    records: Records,
     profile: String,
-    /// The decompressed chunk that is being read.
-    chunk: Chunk,
     channels: Channels,
-    /// The end record of a complete file was read.
-    finished: bool,
-    flaw: Option<String>,
 }
 
 impl Reader {
@@ -140,27 +127,8 @@ impl Reader {
     /// # Errors
     /// [`ReadError`] if the file is not an MCAP file.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
-        let file =
-            File::open(path).map_err(|cause| ReadError::Io { path: path.to_owned(), cause })?;
-        let options = LinearReaderOptions::default()
-            .with_emit_chunks(true)
-            .with_check_finishes_after_end_magic(true)
-            .with_record_length_limit(MAX_RECORD_LEN);
-        let mut reader = Self {
-            path: path.to_owned(),
-            file,
-            mcap: LinearReader::new_with_options(options),
-            profile: String::new(),
-            chunk: Chunk::default(),
-            channels: Channels::default(),
-            finished: false,
-            flaw: None,
-        };
-        match reader.step()? {
-            Step::Header(profile) => reader.profile = profile,
-            _ => return Err(ReadError::NotMcap(path.to_owned())),
-        }
-        Ok(reader)
+        let (records, profile) = Records::open(path)?;
+        Ok(Self { records, profile, channels: Channels::default() })
     }
 
     /// Returns the profile in the file's header; other programs may drop it.
@@ -175,84 +143,17 @@ impl Reader {
     /// # Errors
     /// [`ReadError`] if reading fails.
     pub fn next_message(&mut self) -> Result<Option<TimedMessage>, ReadError> {
-        loop {
-            match self.step()? {
-                Step::Message(message) => return Ok(Some(*message)),
-                Step::Header(_) | Step::Other => (),
-                Step::End => return Ok(None),
-            }
-        }
+        let Self { records, channels, .. } = self;
+        let message = records.next_message(|record| channels.step(record))?;
+        Ok(message.map(|message| *message))
     }
 
     /// Returns a description of what was wrong with the file, for the user. It
     /// is complete only after the last message.
     #[must_use]
     pub fn warning(&self) -> Option<String> {
-        let what = match &self.flaw {
-            Some(flaw) => format!("it is damaged ({flaw})"),
-            None if self.finished => return None,
-            None => "it is cut off".to_owned(),
-        };
-        Some(format!(
-            "{}: {what}; it was read up to the last complete chunk before that",
-            self.path.display()
-        ))
+        self.records.warning()
     }
-
-    fn step(&mut self) -> Result<Step, ReadError> {
-        loop {
-            if self.flaw.is_some() {
-                return Ok(Step::End);
-            }
-            let step = if self.chunk.is_read() {
-                match self.mcap.next_event() {
-                    None | Some(Err(McapError::UnexpectedEof)) => return Ok(Step::End),
-                    Some(Ok(LinearReadEvent::ReadRequest(least))) => {
-                        let space = self.mcap.insert(least.max(BUFFER_LEN));
-                        let io = |cause| ReadError::Io { path: self.path.clone(), cause };
-                        let read = self.file.read(space).map_err(io)?;
-                        self.mcap.notify_read(read);
-                        continue;
-                    }
-                    Some(Ok(LinearReadEvent::Record { opcode: op::CHUNK, data })) => {
-                        Chunk::open(data, MAX_RECORD_LEN).map(|chunk| {
-                            self.chunk = chunk;
-                            Step::Other
-                        })
-                    }
-                    Some(Ok(LinearReadEvent::Record { opcode, data })) => {
-                        mcap::parse_record(opcode, data)
-                            .and_then(|record| self.channels.step(&record))
-                    }
-                    Some(Err(error)) => Err(error),
-                }
-            } else {
-                self.chunk.next_record().and_then(|record| self.channels.step(&record))
-            };
-            match step {
-                Err(McapError::BytesAfterEndMagic) => {
-                    let how = "bytes follow its end".to_owned();
-                    return Err(ReadError::Merged { path: self.path.clone(), how });
-                }
-                // What follows is the index, which is not needed.
-                Err(_) if self.finished => return Ok(Step::End),
-                Ok(_) if self.finished => (),
-                Ok(Step::End) => self.finished = true,
-                Ok(step) => return Ok(step),
-                Err(McapError::UnsupportedCompression(compression)) => {
-                    return Err(ReadError::Compressed { path: self.path.clone(), compression });
-                }
-                Err(flaw) => self.flaw = Some(flaw.to_string()),
-            }
-        }
-    }
-}
-
-enum Step {
-    Header(String),
-    Message(Box<TimedMessage>),
-    Other,
-    End,
 }
 
 /// The channels of the file that are those of a recording.
@@ -263,9 +164,9 @@ struct Channels {
 }
 
 impl Channels {
-    fn step(&mut self, record: &Record<'_>) -> McapResult<Step> {
+    /// Returns the message in a record, if it has one of a recording.
+    fn step(&mut self, record: &Record<'_>) -> McapResult<Option<Box<TimedMessage>>> {
         match record {
-            Record::Header(header) => return Ok(Step::Header(header.profile.clone())),
             Record::Schema { header, .. } => {
                 self.schemas.insert(header.id, header.name.clone());
             }
@@ -290,16 +191,12 @@ impl Channels {
                     hasher.write(data);
                     let hash = hasher.finish();
                     let log_time_ns = header.log_time;
-                    return Ok(Step::Message(Box::new(TimedMessage {
-                        log_time_ns,
-                        hash,
-                        message: as_of_this_version(message),
-                    })));
+                    let message = as_of_this_version(message);
+                    return Ok(Some(Box::new(TimedMessage { log_time_ns, hash, message })));
                 }
             }
-            Record::DataEnd(_) => return Ok(Step::End),
             _ => (),
         }
-        Ok(Step::Other)
+        Ok(None)
     }
 }

@@ -168,6 +168,33 @@ impl Estimate {
     }
 }
 
+impl From<&Estimate> for leg_control::estimator::Estimate {
+    fn from(e: &Estimate) -> Self {
+        Self {
+            t_ns: e.t_ns,
+            in_stance: e.in_stance,
+            vx_m_s: e.vx_m_s,
+            y_m: e.y_m,
+            vy_m_s: e.vy_m_s,
+            density_ratio: e.density_ratio,
+            vx_variance: e.vx_variance_m2_s2,
+            y_variance: e.y_variance_m2,
+            vy_variance: e.vy_variance_m2_s2,
+            density_variance: e.density_variance,
+            innovation: e.innovation,
+        }
+    }
+}
+
+impl Estimate {
+    /// Returns whether every bit is the same, also that of a zero or a NaN.
+    #[must_use]
+    pub fn has_the_bits_of(&self, other: &Self) -> bool {
+        // Every floating-point field is encoded.
+        self.encode_to_vec() == other.encode_to_vec()
+    }
+}
+
 impl Policy {
     /// Describes a policy that the controller receives before tick `seq`.
     #[must_use]
