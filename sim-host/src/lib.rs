@@ -8,6 +8,7 @@ pub mod bench;
 pub mod bridge;
 pub mod cli;
 pub mod estimation;
+pub mod export;
 pub mod faults;
 pub mod operate;
 pub mod plot;

@@ -6,6 +6,7 @@
 
 mod background;
 pub mod commands;
+pub mod estimate;
 pub mod hint;
 mod real_time;
 mod run_server;
@@ -55,6 +56,7 @@ pub struct Call {
 enum Command {
     /// Measure the control law on this machine.
     Bench(bench::Args),
+    Estimate(Box<estimate::Args>),
     #[command(flatten)]
     Running(commands::Command),
 }
@@ -178,6 +180,9 @@ pub enum CliError {
     /// The measurement failed.
     #[error(transparent)]
     Bench(#[from] BenchError),
+    /// The estimation of a log failed.
+    #[error(transparent)]
+    Estimate(#[from] estimate::CommandError),
 }
 
 impl Args {
@@ -193,6 +198,7 @@ impl CliError {
             Self::Connect(error) => hint::connect_error(error),
             Self::Link(error) => hint::link_error(error),
             Self::Serve(error) => hint::serve_error(error),
+            Self::Estimate(error) => error.hint(),
             Self::Law(error) => Some(format!("{} sets it", hint::law_option(error.key))),
             _ => None,
         }
@@ -200,6 +206,9 @@ impl CliError {
 
     /// Returns whether the user must change the arguments.
     fn is_misuse(&self) -> bool {
+        if let Self::Estimate(error) = self {
+            return error.is_misuse();
+        }
         matches!(
             self,
             Self::Policy(_)
@@ -297,6 +306,7 @@ pub fn main(call: &Call) -> ExitCode {
     let done = match &call.command {
         Some(Command::Running(command)) => return commands::main(command),
         Some(Command::Bench(args)) => bench::run(args).map_err(CliError::from),
+        Some(Command::Estimate(args)) => estimate::run(args).map_err(CliError::from),
         None => run_server::run(&call.args, |summary| {
             let _ = if call.args.json {
                 writeln!(io::stdout(), "{}", summary.json())

@@ -20,6 +20,7 @@
 pub mod bench;
 pub mod cli;
 pub mod discovery;
+pub mod estimate;
 #[cfg(test)]
 mod fixture;
 pub mod flash;

@@ -8,6 +8,7 @@ mod apex;
 mod bench;
 mod bridge;
 mod estimation;
+mod export;
 mod faults;
 mod hint;
 mod plot;
@@ -52,6 +53,8 @@ enum Command {
     Replay(replay::Args),
     /// Plot a recording as SVG.
     Plot(plot::Args),
+    /// Write a recording as CSV, a log for `controller estimate`.
+    Export(export::Args),
     /// Write a recording; `run --record` starts this.
     #[command(hide = true)]
     Recorder {
@@ -100,6 +103,7 @@ fn run_command(program: &Program) -> anyhow::Result<ExitCode> {
         Some(Command::Faults) => faults::main(),
         Some(Command::Sensors(args)) => sensors::main(args),
         Some(Command::Plot(args)) => plot::main(args),
+        Some(Command::Export(args)) => export::main(args),
         Some(Command::Recorder { path }) => Ok(crate::record::writer_process(path)),
         Some(Command::Apex(args)) => apex::main(args),
         Some(Command::Bench { what }) => bench::main(what),

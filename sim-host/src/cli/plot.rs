@@ -47,7 +47,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
             data.end_s
         )));
     }
-    if let Some(warning) = &data.warning {
+    for warning in &data.warnings {
         stderr::print_line(format_args!("sim-host: warning: {warning}"));
     }
     let svg = picture::draw(&data)

@@ -1,24 +1,20 @@
 //! Reads the data of a recording for its plot.
 
+use std::collections::VecDeque;
 use std::ops::Range;
 use std::path::Path;
 
 use leg_control::wire::flags;
+use leg_host::estimate::Truth;
+use leg_host::estimate::chart::{self, DecimatedLine, Estimates, Line};
 use leg_plant::Ground;
 
-use super::estimates::{self, Estimates};
 use crate::faults::Terrain;
 use crate::record::contents::Contents;
 use crate::record::read::ReadError;
 use crate::record::schema::{AnyMessage, Apex, Command, Estimate, Event, Sample, State};
+use crate::replay::{self, Computed};
 use crate::scenario::{Scenario, Settings};
-
-/// Points of a line, at least this and at most twice this many; more could not be
-/// distinguished in a plot.
-const POINTS: usize = 2_500;
-
-/// A line over time, s.
-pub(super) type Line = Vec<(f64, f64)>;
 
 /// The data of a run over a span of its time.
 #[derive(Clone, Debug, Default)]
@@ -27,8 +23,8 @@ pub struct PlotData {
     pub(super) title: String,
     /// End of the whole recording, s.
     pub end_s: f64,
-    /// What was wrong with the file.
-    pub warning: Option<String>,
+    /// What was wrong with the file, and what could not be computed.
+    pub warnings: Vec<String>,
     /// Height of the mass, m.
     pub(super) height: Line,
     /// Horizontal velocity, m/s.
@@ -53,29 +49,24 @@ pub struct PlotData {
     pub(super) gaps: Vec<Range<f64>>,
 }
 
-/// A line that drops every second point when it grows too long.
-#[derive(Debug, Default)]
-pub(super) struct DecimatedLine {
-    pub(super) line: Line,
-    stride: usize,
-    seen: usize,
-}
-
-impl DecimatedLine {
-    pub(super) fn push(&mut self, t_s: f64, value: f64) {
-        if self.seen.is_multiple_of(self.stride.max(1)) {
-            self.line.push((t_s, value));
-            if self.line.len() >= 2 * POINTS {
-                self.stride = 2 * self.stride.max(1);
-                let mut i = 0;
-                self.line.retain(|_| {
-                    i += 1;
-                    i % 2 == 1
-                });
-            }
-        }
-        self.seen += 1;
+/// Returns the estimates of a recording that has none, as of a run of two processes.
+fn computed(
+    path: &Path,
+    contents: &Contents,
+    warnings: &mut Vec<String>,
+) -> VecDeque<((u32, u64), leg_control::estimator::Estimate)> {
+    // A law by its readings estimates nothing.
+    let estimates = contents.laws.iter().any(|law| law.estimator != "readings");
+    if contents.has_estimates || !estimates {
+        return VecDeque::new();
     }
+    let (estimates, why) = match replay::estimates(path, contents) {
+        Ok(Computed { estimates, ends }) => (estimates, ends),
+        Err(error) => (VecDeque::new(), Some(error.to_string())),
+    };
+    let warning = |why| format!("{}: not all estimates are drawn: {why}", path.display());
+    warnings.extend(why.map(warning));
+    estimates
 }
 
 /// Appends a point if the value has changed.
@@ -97,6 +88,8 @@ impl PlotData {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let mut title = format!("{name}: {} at {} Hz", config.time_mode, config.rate_hz);
         builder.configure(config.rate_hz, &config.scenario_toml);
+        let mut warnings: Vec<String> = contents.warning().into_iter().collect();
+        builder.computed = computed(path, &contents, &mut warnings);
         let mut messages = contents.messages()?;
         while let Some(message) = messages.next_message()? {
             match message {
@@ -118,7 +111,7 @@ impl PlotData {
         }
         let mut data = builder.finish();
         data.title = title;
-        data.warning = contents.warning();
+        data.warnings = warnings;
         Ok(data)
     }
 
@@ -152,7 +145,9 @@ struct Builder {
     elongation: DecimatedLine,
     /// Uneven ground, of which estimates of the height count.
     terrain: Option<Terrain>,
-    estimates: estimates::Builder,
+    estimates: chart::Builder,
+    /// Estimates that the recording does not have.
+    computed: VecDeque<((u32, u64), leg_control::estimator::Estimate)>,
 }
 
 impl Builder {
@@ -169,7 +164,8 @@ impl Builder {
             leg_angle: DecimatedLine::default(),
             elongation: DecimatedLine::default(),
             terrain: None,
-            estimates: estimates::Builder::default(),
+            estimates: chart::Builder::default(),
+            computed: VecDeque::new(),
         }
     }
 
@@ -231,12 +227,21 @@ impl Builder {
 
     fn estimate(&mut self, estimate: &Estimate) {
         let t_s = self.time_s(0) + 1e-9 * estimate.t_ns as f64;
-        self.estimates.estimate(t_s, estimate, 1.0 / self.rate_hz, &self.span);
+        self.estimates.estimate(t_s, &estimate.into(), 1.0 / self.rate_hz, &self.span);
     }
 
     fn state(&mut self, state: &State) {
         let ground_m = self.terrain.map_or(0.0, |terrain| Ground::height_m(&terrain, state.x_m));
-        self.estimates.state(self.time_s(state.seq), state, ground_m, &self.span);
+        let truth = Truth::from(state).over(ground_m);
+        self.estimates.truth(self.time_s(state.seq), &truth, &self.span);
+        if let Some((run_id, _)) = self.last {
+            let now = (run_id, state.seq);
+            while let Some((at, estimate)) = self.computed.pop_front_if(|(at, _)| *at <= now) {
+                if at == now {
+                    self.estimate(&Estimate::at_tick(state.seq, &estimate));
+                }
+            }
+        }
         let Some(t_s) = self.time_in_span(state.seq) else { return };
         self.height.push(t_s, state.y_m);
         self.velocity.push(t_s, state.vx_m_s);
@@ -264,16 +269,6 @@ impl Builder {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_decimated_line_has_even_spacing_and_keeps_its_start() {
-        let mut decimated = DecimatedLine::default();
-        (0..1_000_000).for_each(|i| decimated.push(f64::from(i), 0.0));
-        let times: Vec<f64> = decimated.line.iter().map(|p| p.0).collect();
-        assert!((POINTS..2 * POINTS).contains(&times.len()), "{}", times.len());
-        assert!(times.windows(2).all(|w| w[1] - w[0] == times[1] - times[0]));
-        assert_eq!(times[0], 0.0);
-    }
 
     #[test]
     fn a_step_line_has_points_only_where_it_changes() {

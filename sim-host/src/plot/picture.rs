@@ -4,7 +4,9 @@ use std::ops::Range;
 
 use leg_charts::{Axis, Color, DrawError, Mark, Panel, Sheet, color, steps};
 
-use super::data::{Line, PlotData};
+use leg_host::estimate::chart::Line;
+
+use super::data::PlotData;
 use crate::record::schema::{Event, EventKind};
 
 /// Touchdowns and lift-offs are marked one by one up to this many events.

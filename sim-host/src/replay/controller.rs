@@ -10,6 +10,7 @@
 
 use std::collections::VecDeque;
 
+use leg_control::estimator::Estimate;
 use leg_control::wire::{Command, Sample};
 use leg_control::wire_controller::WireController;
 use leg_host::recorded::{SetPoints, Swap};
@@ -80,6 +81,15 @@ impl<'a> ReplayController<'a> {
             self.set_points.tick(controller, Some(sample), header);
         }
         self.set_points.tick(controller, Some(&answer.sample), header)
+    }
+
+    /// Returns the estimate after the last answer, if all states that explain the recording
+    /// have the same.
+    pub(super) fn estimate(&self) -> Option<Estimate> {
+        let mut all = self.candidates.iter().map(WireController::estimate);
+        let first = all.next()??;
+        // Estimates are finite, so equal ones have equal bits but for the sign of a zero.
+        all.all(|other| other == Some(first)).then_some(first)
     }
 
     /// Advances to the recorded answer.

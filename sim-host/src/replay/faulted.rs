@@ -14,6 +14,7 @@ use leg_host::LegLink;
 use leg_host::memory::Inline;
 use leg_host::recorded::{SetPoints, Swap};
 
+use super::Observe;
 use super::compare::difference;
 use super::controller::Continuity;
 use super::report::ReplayReport;
@@ -24,6 +25,13 @@ use crate::record::read::ReadError;
 use crate::record::schema::AnyMessage;
 use crate::record::schema::{self, LOCK_STEP};
 use crate::scenario::{Scenario, Settings};
+
+/// The recorded law at its start, with the policies and set-points that come to it.
+pub(super) struct Recorded<'a> {
+    pub(super) controller: WireController<'a>,
+    pub(super) swaps: VecDeque<Swap<'a>>,
+    pub(super) set_points: &'a SetPoints,
+}
 
 /// The faults of a run that can be injected anew.
 pub(super) struct Faulted {
@@ -45,16 +53,17 @@ impl Faulted {
 
     /// Plays the recorded samples to `controller` and compares its commands, of another policy if
     /// `is_other`.
-    pub(super) fn follow<'a>(
+    pub(super) fn follow(
         self,
         contents: &Contents,
-        mut controller: WireController<'a>,
-        mut swaps: VecDeque<Swap<'a>>,
-        set_points: &SetPoints,
+        law: Recorded<'_>,
         is_other: bool,
         report: &mut ReplayReport,
+        observe: Observe<'_>,
     ) -> Result<(), ReadError> {
+        let Recorded { mut controller, mut swaps, set_points } = law;
         let tick = Cell::new((0, 0));
+        let estimate = Cell::new(None);
         let unknown = Cell::new(None);
         let mut last = Header::default();
         let law = |sample: Option<&Sample>| {
@@ -65,18 +74,24 @@ impl Faulted {
                 }
             }
             let command = set_points.tick(&mut controller, sample, &last);
+            estimate.set(controller.estimate());
             last = sample.map_or(last, |sample| sample.header);
             command
         };
-        let (tick, unknown) = (&tick, &unknown);
+        let mut observe = |at| {
+            if let Some(estimate) = estimate.take() {
+                observe(at, estimate);
+            }
+        };
+        let (tick, unknown, observe) = (&tick, &unknown, &mut observe);
         if self.stepped {
             let mut link = SteppedLink::new(law, self.plan);
-            play(contents, &mut link, tick, unknown, is_other, report)
+            play(contents, &mut link, tick, unknown, is_other, report, observe)
         } else {
             let mut law = law;
             let inline = Inline::new(move |sample: &Sample| law(Some(sample)));
             let mut link = FaultyLink::at_leg(inline, self.plan).in_lock_step();
-            play(contents, &mut link, tick, unknown, is_other, report)
+            play(contents, &mut link, tick, unknown, is_other, report, observe)
         }
     }
 }
@@ -97,6 +112,7 @@ fn play(
     unknown_policy: &Cell<Option<u64>>,
     is_other: bool,
     report: &mut ReplayReport,
+    observe: &mut dyn FnMut((u32, u64)),
 ) -> Result<(), ReadError> {
     let mut messages = contents.messages()?;
     let mut sample: Option<Sample> = None;
@@ -123,6 +139,7 @@ fn play(
         // Within a thread neither call fails.
         let sent = link.send(&sample);
         let replayed = sent.and_then(|()| link.receive(Duration::ZERO)).unwrap_or(None);
+        observe(tick.get());
         if let Some(seq) = unknown_policy.get() {
             report.stop(format!(
                 "at tick {seq} the controller received a policy that the recording does not contain"

@@ -16,6 +16,7 @@ mod source;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
+use leg_control::estimator::Estimate;
 use leg_control::wire_controller::WireController;
 use leg_host::recorded::{self, RecordedError, SetPoints, Swap};
 use leg_process::policy_file::{PolicyFile, PolicyFileError};
@@ -26,7 +27,7 @@ use crate::record::schema::Channel;
 
 pub use compare::{Difference, difference};
 use controller::{Divergence, ReplayController};
-use faulted::Faulted;
+use faulted::{Faulted, Recorded};
 pub use report::{ApexComparison, ReplayReport};
 pub use source::{Answer, Source};
 
@@ -59,36 +60,80 @@ pub enum ReplayError {
 /// [`ReplayError`] if the recording or the policy cannot be used.
 pub fn replay(path: &Path, other: Option<&PolicyFile>) -> Result<ReplayReport, ReplayError> {
     let contents = Contents::of(path)?;
-    let config = recorded::config(path, &contents)?;
-    let first_tick = contents.first()?;
     if contents.commands == 0 {
         return Err(contents.missing("new command of a controller", Channel::Command).into());
     }
-    let blobs = recorded::blobs(&contents);
+    let mut report = run(path, &contents, other, &mut |_, _| ())?;
+    report.finish();
+    if report.compared == 0 {
+        let why = report.not_compared.unwrap_or_else(|| "it has none to compare".to_owned());
+        return Err(ReplayError::NothingCompared { path: path.to_owned(), why });
+    }
+    Ok(report)
+}
+
+/// The estimates of a recording that has none.
+#[derive(Clone, Debug, Default)]
+pub struct Computed {
+    /// Run id and number of the sample, and the estimate after it.
+    pub estimates: VecDeque<((u32, u64), Estimate)>,
+    /// Why there are none from a tick on, for the user.
+    pub ends: Option<String>,
+}
+
+/// Computes what the estimator of a recorded controller held after each sample, where it is
+/// certain: of those in real time only where the commands tell which samples it received.
+///
+/// # Errors
+/// [`ReplayError`] if the recording cannot be replayed.
+pub fn estimates(path: &Path, contents: &Contents) -> Result<Computed, ReplayError> {
+    let mut estimates = VecDeque::new();
+    let mut observe = |at, estimate| estimates.push_back((at, estimate));
+    let report = run(path, contents, None, &mut observe)?;
+    let ends = report.first_difference.map(|difference| {
+        format!("from tick {} on the commands are not those of this program", difference.tick)
+    });
+    Ok(Computed { estimates, ends: ends.or(report.not_compared) })
+}
+
+/// Takes run id and number of a sample, and the estimate after it.
+type Observe<'o> = &'o mut dyn FnMut((u32, u64), Estimate);
+
+fn run(
+    path: &Path,
+    contents: &Contents,
+    other: Option<&PolicyFile>,
+    observe: Observe<'_>,
+) -> Result<ReplayReport, ReplayError> {
+    let config = recorded::config(path, contents)?;
+    let first_tick = contents.first()?;
+    let blobs = recorded::blobs(contents);
     let mut swaps = match other {
         Some(other) => VecDeque::from([Swap { at: first_tick, policy: Some(other.policy()?) }]),
-        None => recorded::policies(path, &contents, &blobs)?,
+        None => recorded::policies(path, contents, &blobs)?,
     };
     let Some(Swap { policy: Some(first), .. }) = swaps.pop_front() else {
         return Err(RecordedError::NoPolicy(path.to_owned()).into());
     };
-    let faulted = Faulted::of(&contents)?;
+    let faulted = Faulted::of(contents)?;
     let name = first.manifest().name;
-    let mut report = ReplayReport::new(path, &contents, name, other.is_some(), faulted.is_some())?;
+    let mut report = ReplayReport::new(path, contents, name, other.is_some(), faulted.is_some())?;
     let set_points = SetPoints::of(&contents.set_points);
     let fresh = WireController::new(first, config);
     let without_state = fresh.clone();
+    let is_other = other.is_some();
     if let Some(faulted) = faulted {
-        faulted.follow(&contents, fresh, swaps, &set_points, other.is_some(), &mut report)?;
+        let law = Recorded { controller: fresh, swaps, set_points: &set_points };
+        faulted.follow(contents, law, is_other, &mut report, observe)?;
     } else {
         let controller = ReplayController::new(fresh, swaps, set_points);
-        follow(&contents, controller, other.is_some(), &mut report)?;
+        follow(contents, controller, is_other, &mut report, observe)?;
     }
     // The estimates depend on the commands, which must be the same.
-    if report.is_the_same() && other.is_none() {
-        estimates::compare(&contents, without_state, &mut report)?;
+    if report.is_the_same() && !is_other {
+        estimates::compare(contents, without_state, &mut report)?;
     }
-    finished(report, path)
+    Ok(report)
 }
 
 /// Has `controller` follow the answers of a recording up to the first that it cannot explain, or
@@ -98,6 +143,7 @@ fn follow(
     mut controller: ReplayController<'_>,
     is_other: bool,
     report: &mut ReplayReport,
+    observe: Observe<'_>,
 ) -> Result<(), ReadError> {
     let mut source = Source::open(contents)?;
     while let Some(answer) = source.next_answer()? {
@@ -111,7 +157,13 @@ fn follow(
             continue;
         }
         match controller.follow(&answer) {
-            Ok(continuity) => report.add_same(&answer, continuity),
+            Ok(continuity) => {
+                report.add_same(&answer, continuity);
+                if let Some(estimate) = controller.estimate() {
+                    let header = &answer.sample.header;
+                    observe((header.run_id, header.seq), estimate);
+                }
+            }
             Err(Divergence::Different(difference)) => {
                 report.add_different(&answer, difference);
                 break;
@@ -133,13 +185,4 @@ fn follow(
         }
     }
     Ok(())
-}
-
-fn finished(mut report: ReplayReport, path: &Path) -> Result<ReplayReport, ReplayError> {
-    report.finish();
-    if report.compared == 0 {
-        let why = report.not_compared.unwrap_or_else(|| "it has none to compare".to_owned());
-        return Err(ReplayError::NothingCompared { path: path.to_owned(), why });
-    }
-    Ok(report)
 }

@@ -4,6 +4,7 @@ mod bridge;
 mod estimates;
 mod estimator;
 mod faults;
+mod logs;
 mod other_programs;
 mod place;
 mod real_time;

@@ -1,13 +1,16 @@
-//! What the controller's estimator held, against the truth.
+//! What an estimator held, against the truth, as rows of a chart.
 
 use std::collections::VecDeque;
 use std::ops::Range;
 
 use leg_charts::{Axis, Mark, Panel, color};
+use leg_control::estimator::Estimate;
 
-use super::data::{DecimatedLine, Line};
-use crate::record::schema::{Estimate, Phase, State};
+use super::Truth;
 
+/// Points of a line, at least this and at most twice this many; more could not be
+/// distinguished in a plot.
+const POINTS: usize = 2_500;
 /// Time for which true states are kept, s: the largest age of a measurement that an estimate may
 /// be for, and a little more.
 const KEPT_S: f64 = 1.25;
@@ -20,6 +23,36 @@ const QUANTITIES: [(&str, &str); 4] = [
     ("Vertical velocity", "velocity, m/s"),
     ("Density of the medium over that of water", "density ratio"),
 ];
+
+/// A line over time, s.
+pub type Line = Vec<(f64, f64)>;
+
+/// A line that drops every second point when it grows too long.
+#[derive(Debug, Default)]
+pub struct DecimatedLine {
+    /// The points that are left.
+    pub line: Line,
+    stride: usize,
+    seen: usize,
+}
+
+impl DecimatedLine {
+    /// Appends a point.
+    pub fn push(&mut self, t_s: f64, value: f64) {
+        if self.seen.is_multiple_of(self.stride.max(1)) {
+            self.line.push((t_s, value));
+            if self.line.len() >= 2 * POINTS {
+                self.stride = 2 * self.stride.max(1);
+                let mut i = 0;
+                self.line.retain(|_| {
+                    i += 1;
+                    i % 2 == 1
+                });
+            }
+        }
+        self.seen += 1;
+    }
+}
 
 /// A quantity of the estimate over time.
 #[derive(Clone, Debug, Default)]
@@ -36,9 +69,9 @@ struct Quantity {
     within: u32,
 }
 
-/// The estimates of a recording; without quantities if it has none.
+/// Estimates over time; without quantities if there were none.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Estimates(Vec<Quantity>);
+pub struct Estimates(Vec<Quantity>);
 
 #[derive(Debug, Default)]
 struct QuantityBuilder {
@@ -52,7 +85,7 @@ struct QuantityBuilder {
 
 /// Collects true states and estimates, in the order of their ticks.
 #[derive(Debug, Default)]
-pub(super) struct Builder {
+pub struct Builder {
     quantities: [QuantityBuilder; 4],
     /// True states of late: time, s, values, and whether in flight.
     states: VecDeque<(f64, [f64; 4], bool)>,
@@ -61,20 +94,22 @@ pub(super) struct Builder {
 }
 
 impl Builder {
-    /// Adds the true state at a time, with the height of the ground below the mass, m.
-    pub(super) fn state(&mut self, t_s: f64, state: &State, ground_m: f64, span: &Range<f64>) {
-        let values = [state.vx_m_s, state.y_m - ground_m, state.vy_m_s, state.density_ratio];
+    /// Adds the true state at a time, in the order of time; what is drawn lies in `span`.
+    pub fn truth(&mut self, t_s: f64, truth: &Truth, span: &Range<f64>) {
         if span.contains(&t_s) {
-            for (quantity, value) in self.quantities.iter_mut().zip(values) {
-                quantity.truth.push(t_s, value);
+            for (quantity, value) in self.quantities.iter_mut().zip(truth.values) {
+                if value.is_finite() {
+                    quantity.truth.push(t_s, value);
+                }
             }
         }
-        self.states.push_back((t_s, values, state.phase() == Phase::Flight));
+        self.states.push_back((t_s, truth.values, truth.in_flight.unwrap_or(true)));
         while self.states.pop_front_if(|(then_s, ..)| *then_s < t_s - KEPT_S).is_some() {}
     }
 
-    /// Adds an estimate for a measurement at a time; `tick_s` is the length of a tick.
-    pub(super) fn estimate(&mut self, t_s: f64, e: &Estimate, tick_s: f64, span: &Range<f64>) {
+    /// Adds an estimate for a measurement at a time, whose true state was added before; `tick_s`
+    /// is the length of a tick.
+    pub fn estimate(&mut self, t_s: f64, e: &Estimate, tick_s: f64, span: &Range<f64>) {
         // Without a new measurement the estimate stays.
         if self.last_ns.replace(e.t_ns) == Some(e.t_ns) || !span.contains(&t_s) {
             return;
@@ -83,9 +118,9 @@ impl Builder {
         let known = self.states.get(at).filter(|(then_s, ..)| *then_s < t_s + 0.5 * tick_s);
         let (truth, is_flight) = known.map_or(([f64::NAN; 4], false), |known| (known.1, known.2));
         let values = [
-            (e.vx_m_s, e.vx_variance_m2_s2),
-            (e.y_m, e.y_variance_m2),
-            (e.vy_m_s, e.vy_variance_m2_s2),
+            (e.vx_m_s, e.vx_variance),
+            (e.y_m, e.y_variance),
+            (e.vy_m_s, e.vy_variance),
             (e.density_ratio, e.density_variance),
         ];
         for ((quantity, (value, variance)), truth) in
@@ -95,14 +130,16 @@ impl Builder {
             quantity.estimate.push(t_s, value.into());
             quantity.error.push(t_s, error);
             quantity.deviation.push(t_s, deviation);
-            if is_flight && !e.in_stance {
+            if is_flight && !e.in_stance && error.is_finite() {
                 quantity.in_flight += 1;
                 quantity.within += u32::from(error.abs() <= BAND * deviation);
             }
         }
     }
 
-    pub(super) fn finish(self) -> Estimates {
+    /// Returns the estimates.
+    #[must_use]
+    pub fn finish(self) -> Estimates {
         if self.last_ns.is_none() {
             return Estimates::default();
         }
@@ -119,8 +156,10 @@ impl Builder {
 }
 
 impl Estimates {
-    /// Returns a row of two panels for each quantity: estimate and truth, and the error.
-    pub(super) fn rows(&self, span: &Range<f64>) -> Vec<Vec<Panel>> {
+    /// Returns a row for each quantity: a panel with estimate and truth, and where the truth is
+    /// known one with the error.
+    #[must_use]
+    pub fn rows(&self, span: &Range<f64>) -> Vec<Vec<Panel>> {
         let last = self.0.len().saturating_sub(1);
         let row = |(i, (quantity, names)): (usize, (&Quantity, _))| {
             let x = Axis::new(if i == last { "time, s" } else { "" }, span.clone());
@@ -155,13 +194,18 @@ impl Quantity {
         } else {
             format!("Estimate less truth: {share:.1} % of the flight within the band")
         };
+        let band = Mark::band(around_estimate, color::BLUE).label(band_label);
+        let estimate = Mark::line(self.estimate.clone(), color::BLUE).width_px(1.0);
+        if self.truth.is_empty() {
+            let panel = Panel::new(format!("{title}: estimate"), x.clone(), value_axis);
+            return vec![panel.with(band).with(estimate.label("estimate"))];
+        }
+        let truth = Mark::line(self.truth.clone(), color::ORANGE).width_px(2.0).label("true");
         vec![
             Panel::new(format!("{title}: estimate and truth"), x.clone(), value_axis)
-                .with(Mark::band(around_estimate, color::BLUE).label(band_label))
-                .with(Mark::line(self.truth.clone(), color::ORANGE).width_px(2.0).label("true"))
-                .with(
-                    Mark::line(self.estimate.clone(), color::BLUE).width_px(1.0).label("estimate"),
-                ),
+                .with(band)
+                .with(truth)
+                .with(estimate.label("estimate")),
             Panel::new(error_title, x.clone(), error_axis)
                 .with(Mark::band(around_zero, color::BLUE).label(band_label))
                 .with(Mark::line(zero, color::INK.with_opacity(0.4)).width_px(1.0))
@@ -183,19 +227,35 @@ fn trimmed(mut values: Vec<f64>, share: f64) -> Vec<f64> {
 mod tests {
     use super::*;
 
+    fn estimate(t_ns: u64, vx_m_s: f32) -> Estimate {
+        Estimate {
+            t_ns,
+            in_stance: false,
+            vx_m_s,
+            y_m: 0.0,
+            vy_m_s: 0.0,
+            density_ratio: 0.0,
+            vx_variance: 1.0,
+            y_variance: 0.0,
+            vy_variance: 0.0,
+            density_variance: 0.0,
+            innovation: 0.0,
+        }
+    }
+
     /// Estimates with standard deviation 1 whose errors are those given, one a tick of 1 ms.
     fn built(errors: &[f32], delay_ticks: u64) -> Estimates {
         let mut builder = Builder::default();
         let span = 0.0..f64::INFINITY;
         let truth = |tick: u64| 3.0 + tick as f32;
         for tick in 0..errors.len() as u64 + delay_ticks {
-            let state = State { vx_m_s: truth(tick).into(), ..State::default() };
-            builder.state(1e-3 * tick as f64, &state, 0.0, &span);
+            let values = [truth(tick).into(), 0.0, 0.0, 0.0];
+            let state = Truth { values, in_flight: Some(true) };
+            builder.truth(1e-3 * tick as f64, &state, &span);
             let Some(of) = tick.checked_sub(delay_ticks) else { continue };
             let vx_m_s = truth(of) + errors[of as usize];
-            let (t_ns, vx_variance_m2_s2) = (1_000_000 * of, 1.0);
-            let estimate =
-                Estimate { seq: tick, t_ns, vx_m_s, vx_variance_m2_s2, ..Estimate::default() };
+            let t_ns = 1_000_000 * of;
+            let estimate = estimate(t_ns, vx_m_s);
             let t_s = 1e-9 * t_ns as f64;
             // The second time there is no new measurement.
             builder.estimate(t_s, &estimate, 1e-3, &span);
@@ -221,6 +281,32 @@ mod tests {
         let rows = built(&[0.5, -1.5, 2.5, -4.0], 0).rows(&(0.0..1.0));
         assert_eq!(rows.iter().map(Vec::len).collect::<Vec<_>>(), [2; 4]);
         assert!(rows[0][1].title.contains("50.0 % of the flight"), "{}", rows[0][1].title);
+    }
+
+    #[test]
+    fn a_log_without_truth_has_one_panel_for_each_quantity() {
+        let mut builder = Builder::default();
+        for tick in 0..10 {
+            builder.estimate(
+                1e-3 * tick as f64,
+                &estimate(tick * 1_000_000, 1.0),
+                1e-3,
+                &(0.0..1.0),
+            );
+        }
+        let rows = builder.finish().rows(&(0.0..1.0));
+        assert_eq!(rows.iter().map(Vec::len).collect::<Vec<_>>(), [1; 4]);
+        assert!(rows[0][0].title.ends_with(": estimate"), "{}", rows[0][0].title);
+    }
+
+    #[test]
+    fn a_decimated_line_has_even_spacing_and_keeps_its_start() {
+        let mut decimated = DecimatedLine::default();
+        (0..1_000_000).for_each(|i| decimated.push(f64::from(i), 0.0));
+        let times: Vec<f64> = decimated.line.iter().map(|p| p.0).collect();
+        assert!((POINTS..2 * POINTS).contains(&times.len()), "{}", times.len());
+        assert!(times.windows(2).all(|w| w[1] - w[0] == times[1] - times[0]));
+        assert_eq!(times[0], 0.0);
     }
 
     #[test]

@@ -1,0 +1,404 @@
+//! Reads the rows of a log: CSV, or messages in JSON in an MCAP file.
+
+use std::collections::{BTreeSet, VecDeque};
+use std::fs::File;
+use std::io::{self, BufRead, BufReader};
+use std::path::{Path, PathBuf};
+
+use csv::StringRecord;
+use leg_recording::other::{self, TopicReader};
+use leg_recording::read::ReadError;
+use leg_recording::schema::Channel;
+use serde_json::{Map, Value};
+
+use super::column::Column;
+use super::row::{CellError, Row};
+use crate::law::EstimatorKind;
+
+/// Rows from which columns and rate are found out.
+const FIRST_ROWS: usize = 1_000;
+/// Encoding of JSON messages in MCAP.
+const JSON: &str = "json";
+
+/// Why a log cannot be read.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum LogError {
+    /// Opening or reading failed.
+    #[error("cannot read {}: {cause}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// The error of the system.
+        cause: io::Error,
+    },
+    /// The file is no CSV.
+    #[error("{}: {cause}", path.display())]
+    Csv {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        cause: csv::Error,
+    },
+    /// The MCAP file cannot be read.
+    #[error(transparent)]
+    Mcap(#[from] ReadError),
+    /// A cell cannot be used.
+    #[error(transparent)]
+    Cell(#[from] CellError),
+    /// A message is no JSON object.
+    #[error("{}, message {number} of {topic}: it is not a JSON object ({cause})", path.display())]
+    Json {
+        /// The file.
+        path: PathBuf,
+        /// The topic.
+        topic: String,
+        /// Number of the message in its topic, from 1.
+        number: u64,
+        /// What is wrong.
+        cause: String,
+    },
+    /// A column is missing, or there are too many.
+    #[error("{}: {what}", path.display())]
+    Columns {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        what: String,
+    },
+    /// The MCAP file has no such channel, or several.
+    #[error("{}: {what}; it has {}", path.display(), list(channels))]
+    Channel {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        what: String,
+        /// Its topics, with the encoding of their messages.
+        channels: Vec<String>,
+    },
+    /// The log has no row.
+    #[error("{}: it has no row", .0.display())]
+    Empty(PathBuf),
+}
+
+fn list(channels: &[String]) -> String {
+    if channels.is_empty() { "no channel".to_owned() } else { channels.join(", ") }
+}
+
+/// What kind of file a log is.
+#[derive(Debug)]
+pub(super) enum Kind {
+    /// A recording of `sim-host`.
+    Recording,
+    /// Rows.
+    Rows(Log),
+}
+
+/// A log of rows.
+#[derive(Debug)]
+pub(super) struct Log {
+    path: PathBuf,
+    rows: Rows,
+    /// The first rows, not yet returned.
+    first: VecDeque<Row>,
+    columns: Vec<Column>,
+}
+
+enum Rows {
+    Csv(Box<CsvRows>),
+    Json(Box<JsonRows>),
+}
+
+impl std::fmt::Debug for Rows {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Csv(_) => "Csv",
+            Self::Json(_) => "Json",
+        })
+    }
+}
+
+/// Opens a log of any kind; `channel` names the topic of an MCAP file.
+pub(super) fn open(path: &Path, channel: Option<&str>) -> Result<Kind, LogError> {
+    let io = |cause| LogError::Io { path: path.to_owned(), cause };
+    let mut file = BufReader::new(File::open(path).map_err(io)?);
+    if !other::is_mcap(file.fill_buf().map_err(io)?) {
+        if let Some(channel) = channel {
+            let what = format!("the channel {channel} is wanted, but this is no MCAP file");
+            return Err(LogError::Columns { path: path.to_owned(), what });
+        }
+        let rows = CsvRows::open(path, file)?;
+        return Log::new(path, Rows::Csv(Box::new(rows))).map(Kind::Rows);
+    }
+    drop(file);
+    let Some(topic) = topic(path, channel)? else { return Ok(Kind::Recording) };
+    let rows = JsonRows::open(path, topic)?;
+    Log::new(path, Rows::Json(Box::new(rows))).map(Kind::Rows)
+}
+
+/// Returns the topic with JSON messages of an MCAP file; none of a recording.
+fn topic(path: &Path, wanted: Option<&str>) -> Result<Option<String>, LogError> {
+    let found = other::encodings(path)?;
+    let error = |what| LogError::Channel {
+        path: path.to_owned(),
+        what,
+        channels: found.iter().map(|(topic, how)| format!("{topic} ({how})")).collect(),
+    };
+    let ours = Channel::Sample.topic();
+    let is_ours = |topic: &str| topic == ours && found.get(topic).is_some_and(|e| e == "protobuf");
+    match wanted {
+        Some(wanted) if is_ours(wanted) => Ok(None),
+        Some(wanted) => match found.get(wanted) {
+            Some(encoding) if encoding == JSON => Ok(Some(wanted.to_owned())),
+            Some(encoding) => Err(error(format!(
+                "the messages of {wanted} are in `{encoding}`; those in `{JSON}` can be read, and \
+                 those of a recording"
+            ))),
+            None => Err(error(format!("it has no channel {wanted}"))),
+        },
+        None if is_ours(ours) => Ok(None),
+        None => {
+            let json: Vec<&String> =
+                found.iter().filter(|(_, how)| *how == JSON).map(|(topic, _)| topic).collect();
+            match json[..] {
+                [topic] => Ok(Some(topic.clone())),
+                [] => {
+                    Err(error(format!("it has neither samples ({ours}) nor messages in `{JSON}`")))
+                }
+                _ => Err(error(format!("several channels have messages in `{JSON}`; choose one"))),
+            }
+        }
+    }
+}
+
+impl Log {
+    fn new(path: &Path, mut rows: Rows) -> Result<Self, LogError> {
+        let mut first = VecDeque::new();
+        while first.len() < FIRST_ROWS
+            && let Some(row) = rows.next_row()?
+        {
+            first.push_back(row);
+        }
+        if first.is_empty() {
+            return Err(LogError::Empty(path.to_owned()));
+        }
+        let columns = match &rows {
+            Rows::Csv(csv) => csv.columns(),
+            Rows::Json(json) => Column::all().filter(|c| json.names.contains(c.name())).collect(),
+        };
+        let log = Self { path: path.to_owned(), rows, first, columns };
+        log.check()?;
+        Ok(log)
+    }
+
+    /// Returns whether the log has all of these columns.
+    fn has(&self, columns: &[Column]) -> bool {
+        columns.iter().all(|column| self.columns.contains(column))
+    }
+
+    /// Checks that there are the columns without which nothing can be estimated.
+    fn check(&self) -> Result<(), LogError> {
+        let error = |what| Err(LogError::Columns { path: self.path.clone(), what });
+        for pair in [
+            [Column::ForceX, Column::ForceY],
+            [Column::ImpulseX, Column::ImpulseY],
+            [Column::VelocityX, Column::VelocityY],
+        ] {
+            if let [Some(there), None] | [None, Some(there)] =
+                pair.map(|column| self.has(&[column]).then_some(column))
+            {
+                let [x, y] = pair.map(Column::name);
+                return error(format!(
+                    "it has {} alone; {x} and {y} belong together",
+                    there.name()
+                ));
+            }
+        }
+        if self.has(&[Column::ForceX]) && self.has(&[Column::ImpulseX]) {
+            let [force, sum] = [Column::ForceX, Column::ImpulseX].map(Column::name);
+            return error(format!("it has both {force} and {sum}; keep one of them"));
+        }
+        if self.has(&[Column::LegAngle]) && !self.has(&[Column::LegLength]) {
+            let [angle, length] = [Column::LegAngle, Column::LegLength].map(Column::name);
+            return error(format!("it has {angle} without {length}; the leg is known by both"));
+        }
+        if !self.has(&[Column::Contact]) && !self.has(&[Column::LegLength]) {
+            let [contact, length] = [Column::Contact, Column::LegLength].map(Column::name);
+            return error(format!(
+                "it has neither {contact} nor {length}; one of them tells whether the foot stands"
+            ));
+        }
+        Ok(())
+    }
+
+    /// Returns the estimator for the columns of the log; none where no estimator can do with
+    /// them.
+    pub(super) fn estimator(&self) -> Option<EstimatorKind> {
+        let is_raw = self.has(&[Column::ForceX])
+            || self.has(&[Column::ImpulseX])
+            || self.has(&[Column::LegLength, Column::LegAngle]);
+        if self.has(&[Column::Vx, Column::Y, Column::Vy]) {
+            Some(EstimatorKind::State)
+        } else if is_raw {
+            Some(EstimatorKind::Inertial)
+        } else {
+            None
+        }
+    }
+
+    /// Returns the rows a second, by the median time between the first.
+    pub(super) fn rate_hz(&self) -> Option<f64> {
+        let times = self.first.iter().zip(self.first.iter().skip(1));
+        let mut between: Vec<i128> = times.map(|(a, b)| b.time_ns - a.time_ns).collect();
+        between.retain(|ns| *ns > 0);
+        between.sort_unstable();
+        between.get(between.len() / 2).map(|ns| 1e9 / *ns as f64)
+    }
+
+    /// Returns the next row, none after the last.
+    pub(super) fn next_row(&mut self) -> Result<Option<Row>, LogError> {
+        match self.first.pop_front() {
+            Some(row) => Ok(Some(row)),
+            None => self.rows.next_row(),
+        }
+    }
+
+    /// Returns what is noteworthy about the file, for the user. It is complete only after the
+    /// last row.
+    pub(super) fn warnings(&self) -> Vec<String> {
+        let unknown = match &self.rows {
+            Rows::Csv(csv) => csv.unknown.clone(),
+            Rows::Json(json) => {
+                let is_unknown = |name: &&String| Column::named(name).is_none();
+                json.names.iter().filter(is_unknown).cloned().collect()
+            }
+        };
+        let path = self.path.display();
+        let unused = (!unknown.is_empty())
+            .then(|| format!("{path}: these columns are not used: {}", unknown.join(", ")));
+        let flaw = match &self.rows {
+            Rows::Csv(_) => None,
+            Rows::Json(json) => json.reader.warning(),
+        };
+        unused.into_iter().chain(flaw).collect()
+    }
+}
+
+impl Rows {
+    fn next_row(&mut self) -> Result<Option<Row>, LogError> {
+        match self {
+            Self::Csv(rows) => rows.next_row(),
+            Self::Json(rows) => rows.next_row(),
+        }
+    }
+}
+
+/// The rows of a CSV file.
+struct CsvRows {
+    path: PathBuf,
+    reader: csv::Reader<BufReader<File>>,
+    /// The column at each place.
+    places: Vec<Option<Column>>,
+    unknown: Vec<String>,
+    record: StringRecord,
+}
+
+impl CsvRows {
+    fn open(path: &Path, file: BufReader<File>) -> Result<Self, LogError> {
+        let mut reader =
+            csv::ReaderBuilder::new().flexible(true).trim(csv::Trim::All).from_reader(file);
+        let csv = |cause| LogError::Csv { path: path.to_owned(), cause };
+        let header = reader.headers().map_err(csv)?.clone();
+        let names: Vec<&str> =
+            header.iter().map(|name| name.trim_start_matches('\u{feff}')).collect();
+        let places: Vec<_> = names.iter().map(|name| Column::named(name)).collect();
+        let error = |what| LogError::Columns { path: path.to_owned(), what };
+        for column in Column::all() {
+            if places.iter().filter(|place| **place == Some(column)).count() > 1 {
+                return Err(error(format!("line 1: more than one column {}", column.name())));
+            }
+        }
+        if !places.contains(&Some(Column::Time)) {
+            let time = Column::Time.name();
+            return Err(error(format!("line 1 has no column {time}: `{}`", names.join(","))));
+        }
+        let unknown = names.iter().zip(&places).filter(|(_, place)| place.is_none());
+        let unknown = unknown.map(|(name, _)| format!("`{name}`")).collect();
+        let path = path.to_owned();
+        Ok(Self { path, reader, places, unknown, record: StringRecord::new() })
+    }
+
+    fn columns(&self) -> Vec<Column> {
+        self.places.iter().copied().flatten().collect()
+    }
+
+    fn next_row(&mut self) -> Result<Option<Row>, LogError> {
+        let Self { path, reader, places, record, .. } = self;
+        let csv = |cause| LogError::Csv { path: path.clone(), cause };
+        if !reader.read_record(record).map_err(csv)? {
+            return Ok(None);
+        }
+        let line = record.position().map_or(0, csv::Position::line);
+        if record.len() != places.len() {
+            let (cells, header) = (record.len(), places.len());
+            let what = format!("line {line}: {cells} cells where line 1 has {header}");
+            return Err(LogError::Columns { path: path.clone(), what });
+        }
+        let place = || format!("line {line}");
+        let mut row = Row::new(0);
+        for (column, text) in places.iter().zip(record.iter()) {
+            let Some(column) = *column else { continue };
+            if column == Column::Time && text.is_empty() {
+                let what = format!("line {line}: no {}", column.name());
+                return Err(LogError::Columns { path: path.clone(), what });
+            }
+            row.set(column, text, path, place)?;
+        }
+        Ok(Some(row))
+    }
+}
+
+/// The messages in JSON of a topic.
+struct JsonRows {
+    path: PathBuf,
+    topic: String,
+    reader: TopicReader,
+    number: u64,
+    /// Names of all fields so far.
+    names: BTreeSet<String>,
+}
+
+impl JsonRows {
+    fn open(path: &Path, topic: String) -> Result<Self, LogError> {
+        let reader = TopicReader::open(path, &topic)?;
+        Ok(Self { path: path.to_owned(), topic, reader, number: 0, names: BTreeSet::new() })
+    }
+
+    fn next_row(&mut self) -> Result<Option<Row>, LogError> {
+        let Some(message) = self.reader.next_message()? else { return Ok(None) };
+        self.number += 1;
+        let Self { path, topic, number, names, .. } = self;
+        let fields: Map<String, Value> =
+            serde_json::from_slice(&message.bytes).map_err(|cause| LogError::Json {
+                path: path.clone(),
+                topic: topic.clone(),
+                number: *number,
+                cause: cause.to_string(),
+            })?;
+        let place = || format!("message {number} of {topic}");
+        // Without a time of its own a message has that of the log.
+        let mut row = Row::new(message.log_time_ns.into());
+        for (name, value) in &fields {
+            if !names.contains(name) {
+                names.insert(name.clone());
+            }
+            let Some(column) = Column::named(name) else { continue };
+            match value {
+                Value::Null => (),
+                Value::String(text) => row.set(column, text, path, place)?,
+                value => row.set(column, &value.to_string(), path, place)?,
+            }
+        }
+        Ok(Some(row))
+    }
+}
