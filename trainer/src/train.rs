@@ -1,6 +1,8 @@
 //! A training, from its first step to its best actor.
 
 mod state;
+#[cfg(test)]
+mod tests;
 
 pub use state::{StateError, TrainingState};
 
@@ -318,8 +320,12 @@ impl Training {
             }
             if outcome.ended {
                 // A fall says nothing about the actor after random actions, nor in a
-                // velocity-bias episode.
-                if self.steps > learning.random_steps && !environment.is_biased() {
+                // velocity-bias episode, and little about the start in a randomised world,
+                // from which no action may be able to save it.
+                if self.steps > learning.random_steps
+                    && !environment.is_biased()
+                    && !environment.is_randomised()
+                {
                     self.failed_starts.push(environment.start());
                 }
                 break;

@@ -86,6 +86,7 @@ pub struct World {
     noise: [PerHop; 3],
     bias: Shown,
     in_force: Option<Action>,
+    is_randomised: bool,
 }
 
 impl World {
@@ -109,6 +110,7 @@ impl World {
             noise: [PerHop::NONE; 3],
             bias: [0.0; 3],
             in_force: None,
+            is_randomised: false,
         }
     }
 
@@ -167,6 +169,7 @@ impl World {
             ground_m: per_hop(Parameter::Ground),
             noise: noise.map(per_hop),
             bias: bias.map(|parameter| once(parameter, 0.0)),
+            is_randomised: randomisation.parameters().next().is_some(),
             ..Self::of(Body { leg, losses, medium, delay_s, tolerance })
         }
     }
@@ -197,6 +200,12 @@ impl World {
         self.ground_m.draw();
         self.noise.iter_mut().for_each(PerHop::draw);
         next.map(|apex| Apex { y_m: apex.y_m + ground_m, ..apex })
+    }
+
+    /// Whether anything was drawn for this world.
+    #[must_use]
+    pub const fn is_randomised(&self) -> bool {
+        self.is_randomised
     }
 
     /// Returns the density ratio.

@@ -130,7 +130,7 @@ static KEYS: &[Key] = &[
     row("episode.spread", "m/s and m", "Spread of the starts", from(0.0, 100.0)),
     row("episode.low_share", "", "Share of starts that are low: y = 1.001 + |0.4 N(0, 1)|", SHARE),
     row("episode.uniform_share", "", "Share of starts uniform in vx within 11 m/s and y from 1 to 12.5 m", SHARE),
-    row("episode.retry_share", "", "Share of episodes at density ratios below 0.2 that replay the start of an earlier fall", SHARE),
+    row("episode.retry_share", "", "Share of episodes at density ratios below 0.2 that replay the start of an earlier fall, other than in a randomised world", SHARE),
     row("episode.led_share", "", "Share of velocity-bias episodes from each of led_from up: the velocity shown has an offset, as by the cascade, and the reward is highest at another speed", SHARE),
     row("episode.led_from", "", "Density ratios from which the shares of led_share hold", from(0.0, 1.0)),
     row("episode.lead_m_s", "m/s", "Velocity-bias episodes: offset beyond the wanted speed at a bias strength of 1", from(0.0, 100.0)),

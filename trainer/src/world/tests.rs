@@ -278,6 +278,9 @@ fn a_share_of_the_episodes_is_randomised() {
     let randomised =
         (0..4000).filter(|&episode| values(&draw(&table, episode))[0].is_some()).count();
     assert!((900..1100).contains(&randomised), "{randomised}");
+    let says = |episode| draw(&table, episode).is_randomised();
+    assert_eq!((0..4000).filter(|&episode| says(episode)).count(), randomised);
+    assert!(!draw(&Randomisation::default(), 0).is_randomised());
     let none = Randomisation { share: 0.0, ..everything() };
     assert!((0..100).all(|episode| values(&draw(&none, episode)).iter().all(Option::is_none)));
 }
