@@ -55,10 +55,19 @@ impl BadSamples {
     }
 
     fn value<'s>(&mut self, sample: &'s mut Sample) -> &'s mut f32 {
-        match self.rng.random_range(0..4) {
+        let sensors = &mut sample.sensors;
+        match self.rng.random_range(0..12) {
             0 => &mut sample.vx_m_s,
             1 => &mut sample.vy_m_s,
             2 => &mut sample.y_m,
+            3 => &mut sample.leg_length_m,
+            4 => &mut sensors.pitch_rad,
+            5 => &mut sensors.pitch_rate_rad_s,
+            6 => &mut sensors.leg_angle_rad,
+            7 => &mut sensors.velocity_m_s[0],
+            8 => &mut sensors.velocity_m_s[1],
+            9 => &mut sensors.height_m,
+            10 => &mut sensors.pressure_pa,
             _ => &mut sample.set_point_m_s,
         }
     }

@@ -1,24 +1,24 @@
-//! Host and firmware return the same commands for the same samples, bit for bit: hopping in water, over the shore and on land, with bad samples of
-//! every kind, changed set-points, resets and swapped policies in between.
+//! Host and firmware return the same commands for the same samples, bit for bit: hopping in
+//! water, over the shore and on land, with bad samples of every kind, changed set-points, resets
+//! and swapped policies in between.
 
 use std::time::Duration;
 
 use leg_control::config::Config;
 use leg_control::policy::{Policy, SHIPPED};
-use leg_control::serial::message::{Estimator, Mode, Request, RequestError, SessionParams};
+use leg_control::serial::message::{Mode, Request};
 use leg_control::wire::{Command, Sample};
 use leg_control::wire_controller::WireController;
-use leg_host::serial::client::{ClientError, IDENTIFY_TIMEOUT};
 use leg_host::serial::upload::upload;
 use leg_host::{Link, LinkError};
 use rand::RngExt;
 use rand_pcg::Pcg64;
 use sim_host::replay::difference;
-use sim_host::scenario::{Scenario, Settings};
+use sim_host::scenario::{DensitySense, Scenario, Settings, StartSettings};
 use sim_host::session::lock_step::{self, Options};
 
 use crate::bad_samples::BadSamples;
-use crate::board::{Flashed, RATE_HZ, image, shipped, skips, ticks};
+use crate::board::{Flashed, RATE_HZ, shipped, skips, ticks};
 use crate::policies::sibling;
 
 /// A leg's link to two controllers at once: one in this process, and the flashed one.
@@ -34,20 +34,32 @@ struct HostAndFirmware<'f> {
     rng: Pcg64,
     reply: Option<Command>,
     counts: Counts,
+    /// Whether the estimate was lost and has not begun again.
+    is_lost: bool,
+    /// Estimates lost since the last reset.
+    lost_since_reset: u32,
 }
-
-/// Ticks with the estimator; `cargo xtask soak` plays 100,000.
-const ESTIMATED_TICKS: u64 = 8_000;
 
 /// Counts of what the test has covered.
 #[derive(Clone, Copy, Debug, Default)]
-struct Counts {
-    ticks: u64,
+pub(crate) struct Counts {
+    pub(crate) ticks: u64,
     bad: u64,
     resets: u64,
     swaps: u64,
     set_points: u64,
     apexes: u64,
+    /// Ticks with an estimate in flight and in stance; ticks at which it was lost, and began
+    /// again afterwards.
+    pub(crate) in_flight: u64,
+    pub(crate) in_stance: u64,
+    pub(crate) lost: u64,
+    pub(crate) recovered: u64,
+    /// All flags of the samples, before a fault of the line.
+    pub(crate) flags: u16,
+    /// Ticks in water and on land.
+    pub(crate) in_water: u64,
+    pub(crate) on_land: u64,
 }
 
 fn policy(blob: &'static [u8]) -> Policy<'static> {
@@ -69,6 +81,8 @@ impl<'f> HostAndFirmware<'f> {
             rng: Pcg64::new(seed.into(), 9),
             reply: None,
             counts: Counts::default(),
+            is_lost: false,
+            lost_since_reset: 0,
         }
     }
 
@@ -81,7 +95,21 @@ impl<'f> HostAndFirmware<'f> {
         assert!(found.is_none(), "tick {}: {found:#?} for {sample:#?}", self.counts.ticks);
         self.bad_samples.sent(sample);
         self.counts.ticks += 1;
+        self.count_estimate();
         here
+    }
+
+    fn count_estimate(&mut self) {
+        let lost = self.host.counts().estimates_lost;
+        if lost > self.lost_since_reset {
+            (self.lost_since_reset, self.is_lost) = (lost, true);
+            self.counts.lost += 1;
+        }
+        if let Some(estimate) = self.host.estimate() {
+            self.counts.in_stance += u64::from(estimate.in_stance);
+            self.counts.in_flight += u64::from(!estimate.in_stance);
+            self.counts.recovered += u64::from(std::mem::take(&mut self.is_lost));
+        }
     }
 
     fn change_something_at_random(&mut self) {
@@ -97,6 +125,7 @@ impl<'f> HostAndFirmware<'f> {
         self.flashed.reset(Mode::LockStep);
         self.host = WireController::new(policy(self.policies[self.current]), self.config);
         self.set_point_m_s = None;
+        (self.is_lost, self.lost_since_reset) = (false, 0);
         self.counts.resets += 1;
     }
 
@@ -145,40 +174,41 @@ impl Link for HostAndFirmware<'_> {
     }
 }
 
-/// Returns the shore scenario, shortened so that the run reaches the land.
-fn scenario(run: u64, left: u64) -> Scenario {
-    Scenario::from_settings(&settings(run, left)).expect("a scenario")
-}
-
-fn settings(run: u64, left: u64) -> Settings {
-    let start = sim_host::scenario::StartSettings { x_m: Some(3.0), ..Default::default() };
+/// Returns the shore scenario, shortened so that the run reaches the land. Its density is
+/// estimated and measured in turn.
+pub(crate) fn settings(run: u64, left: u64) -> Settings {
+    let density =
+        if run.is_multiple_of(2) { DensitySense::Estimated } else { DensitySense::Measured };
     Settings {
         density_profile: Some(vec![[6.0, 1.0], [9.0, 0.0]]),
         set_point_m_s: Some(0.5),
         duration_s: Some(left.min(40_000) as f64 / f64::from(RATE_HZ)),
-        start,
-        // Estimated and measured in turn.
-        density: Some(if run.is_multiple_of(2) {
-            sim_host::scenario::DensitySense::Estimated
-        } else {
-            sim_host::scenario::DensitySense::Measured
-        }),
+        start: StartSettings { x_m: Some(3.0), ..StartSettings::default() },
+        density: Some(density),
         ..Settings::default()
     }
 }
 
 /// Plays runs until a controller has had so many ticks, and compares it with the flashed one.
-fn compare(flashed: &mut Flashed, wanted: u64, scenario: impl Fn(u64, u64) -> Scenario) -> Counts {
+pub(crate) fn compare(
+    flashed: &mut Flashed,
+    wanted: u64,
+    scenario: impl Fn(u64, u64) -> Scenario,
+) -> Counts {
     let mut both = HostAndFirmware::new(flashed, 1);
-    let mut run = 0;
+    let (mut run, mut flags, mut in_water, mut on_land) = (0, 0, 0, 0);
     while both.counts.ticks < wanted {
         run += 1;
         let options = Options { run_id: run as u32, ..Options::default() };
         let scenario = scenario(run, wanted - both.counts.ticks);
-        let outcome = lock_step::run(&scenario, &mut both, options, |_| ()).expect("a run");
-        both.counts.apexes += outcome.apexes;
+        let outcome = lock_step::run(&scenario, &mut both, options, |tick| {
+            flags |= tick.sample.header.flags;
+            in_water += u64::from(tick.medium.density_ratio() >= 1.0);
+            on_land += u64::from(tick.medium.density_ratio() <= 0.0);
+        });
+        both.counts.apexes += outcome.expect("a run").apexes;
     }
-    let counts = both.counts;
+    let counts = Counts { flags, in_water, on_land, ..both.counts };
     println!("{run} runs, {counts:?}\n{:?}", flashed.status());
     assert!(counts.bad > wanted / 100, "{counts:?}");
     assert!(counts.apexes >= wanted / 2_000, "{counts:?}");
@@ -191,86 +221,7 @@ fn host_and_firmware_give_the_same_commands_bit_for_bit() {
     if skips() {
         return;
     }
-    compare(&mut Flashed::start(Some(&shipped())), ticks(12_000), scenario);
-}
-
-/// Noisy, late and lost readings, and all other sensors beside them.
-const HARSH: &str = r#"
-sensors = "trained-with"
-
-[sensor]
-accelerometer-rate = 1600
-leg-angle-rate = 1000
-gyro-rate = 1000
-pitch-rate = 100
-velocity-rate = 10
-height-rate = 10
-pressure-rate = 50
-
-[[fault]]
-noise = 0.3
-
-[[fault]]
-noise = 0.02
-field = "contact"
-
-[[fault]]
-jitter = 5
-
-[[fault]]
-drop = 0.1
-
-[[fault]]
-duplicate = 0.02
-
-[[fault]]
-reorder = 0.02
-
-[[fault]]
-corrupt = 0.02
-bits = 2
-
-[[fault]]
-freeze = 30
-
-[[fault]]
-stuck = 20
-field = "y"
-
-[[fault]]
-nan = 0.02
-"#;
-
-#[test]
-fn with_the_estimator_they_do_so_under_faults_of_every_kind() {
-    if skips() {
-        return;
-    }
-    let mut flashed = Flashed::start_image(&image("estimator"), Some(&shipped()), |stream| stream);
-    flashed.params.stale_limit_ns = 60_000_000;
-    flashed.params.estimator =
-        Estimator::State { velocity_m_s: 0.02, height_m: 0.01, leg_length_m: 0.002 };
-    let harsh = Settings::from_toml(HARSH).expect("valid settings");
-    compare(&mut flashed, ticks(ESTIMATED_TICKS), |run, left| {
-        let base = Settings { seed: Some(run), ..harsh.clone() };
-        let mut scenario = Scenario::from_settings(&settings(run, left).over(base)).unwrap();
-        // The leg holds commands as long.
-        scenario.stale_limit_ns = 60_000_000;
-        scenario
+    compare(&mut Flashed::start(Some(&shipped())), ticks(12_000), |run, left| {
+        Scenario::from_settings(&settings(run, left)).expect("a scenario")
     });
-}
-
-#[test]
-fn firmware_without_the_estimator_refuses_it_by_name() {
-    if skips() {
-        return;
-    }
-    let mut flashed = Flashed::start(Some(&shipped()));
-    let estimator = Estimator::State { velocity_m_s: 0.1, height_m: 0.1, leg_length_m: 0.1 };
-    let params = SessionParams { estimator, ..flashed.params };
-    let refused = flashed.client.have_done(&Request::Reset { session: 3, params }).unwrap_err();
-    assert!(matches!(refused, ClientError::Refused(RequestError::NoEstimator)), "{refused}");
-    assert!(refused.to_string().contains("flash firmware built with the feature `estimator`"));
-    // Nothing has changed.
-    assert_eq!(flashed.client.identify(IDENTIFY_TIMEOUT).unwrap().session, None);
 }

@@ -7,6 +7,7 @@
 mod bad_samples;
 mod board;
 mod crashes;
+mod estimated;
 mod identity;
 mod line;
 mod live;

@@ -85,6 +85,8 @@ fn of_release(xtask: &str) -> Vec<Step> {
     vec![
         Step::new("the shore, release build", "cargo", "run --release -- --json"),
         Step::new("hardware in the loop", xtask, "hil").with(&format!("--ticks {HIL_TICKS}")),
+        Step::new("hardware in the loop with raw sensors", xtask, "hil --sensors imu")
+            .with(&format!("--ticks {HIL_TICKS}")),
     ]
 }
 

@@ -2,7 +2,8 @@
 //! the controller.
 //!
 //! The board is emulated unless `--serial` names a port. All states and commands must be
-//! those of the same scenario with the controller in the simulator's own process.
+//! those of the same scenario with the controller in the simulator's own process. With the
+//! sensors `imu` the firmware has its state estimator.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -22,7 +23,10 @@ pub(crate) struct Args {
     /// Board to emulate.
     #[arg(long, value_name = "BOARD", default_value = BOARDS[0].name, value_parser = Board::named)]
     board: Board,
-    /// Number of ticks to run [default: to the end of the scenario, about 78,000].
+    /// Sensors of the leg; with `imu` the firmware must have the feature `estimator`.
+    #[arg(long, value_enum, default_value_t)]
+    sensors: Sensors,
+    /// Number of ticks to run [default: to the end of the scenario, about 80,000].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     ticks: Option<u64>,
     /// Policy for slot A of the emulated board [default: the shipped one].
@@ -31,6 +35,43 @@ pub(crate) struct Args {
     /// Serial port of a real board that is already flashed.
     #[arg(long, value_name = "PORT", conflicts_with = "policy")]
     serial: Option<PathBuf>,
+}
+
+/// Sensors of the leg.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+enum Sensors {
+    /// Its state itself, exact.
+    #[default]
+    Ideal,
+    /// Accelerometer, encoders and contact; the controller estimates the state.
+    Imu,
+}
+
+impl Sensors {
+    /// Returns the features that the firmware needs for them.
+    fn features(self) -> &'static str {
+        match self {
+            Self::Ideal => "",
+            Self::Imu => "estimator",
+        }
+    }
+
+    /// Returns the options of the simulator.
+    fn of_leg(self) -> &'static [&'static str] {
+        match self {
+            Self::Ideal => &[],
+            Self::Imu => &["--sensors", "imu"],
+        }
+    }
+
+    /// Returns the options of a controller. They state a noise so that each program takes the
+    /// same: by itself the simulator states that of its sensors.
+    fn of_controller(self) -> &'static [&'static str] {
+        match self {
+            Self::Ideal => &[],
+            Self::Imu => &["--estimator", "inertial", "--estimator-noise", "leg-length=0.001"],
+        }
+    }
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
@@ -44,18 +85,25 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let folder = tempfile::tempdir().context("cannot create a temporary folder")?;
     let target = match &args.serial {
         Some(port) => Target::Real(port.clone()),
-        None => Target::emulated(args.board, policy, folder.path())?,
+        None => Target::emulated(args.board, args.sensors, policy, folder.path())?,
     };
     println!("{} ({target}): the shore over its serial line\n", args.board.name);
+    let (of_leg, of_controller) = (args.sensors.of_leg(), args.sensors.of_controller());
 
     let domain = format!("hil-{}", std::process::id());
     let mut bridge = Running::start(
-        programs.sim_host().arg("bridge").args(target.port()).args(["--domain", &domain]),
+        programs
+            .sim_host()
+            .arg("bridge")
+            .args(target.port())
+            .args(["--domain", &domain])
+            .args(of_controller),
     )?;
-    let over_the_line = programs.shore(args.ticks, &["--domain", &domain])?;
+    let over_the_line = programs.shore(args.ticks, &[&["--domain", &domain], of_leg].concat())?;
     let line = bridge.output("the bridge")?;
     let policy = policy.display().to_string();
-    let here = programs.shore(args.ticks, &["--in-process", "--policy", &policy])?;
+    let in_process = ["--in-process", "--policy", &policy];
+    let here = programs.shore(args.ticks, &[&in_process, of_leg, of_controller].concat())?;
     report(&over_the_line, &here);
     print!("\n{line}");
 
@@ -92,9 +140,10 @@ enum Target {
 }
 
 impl Target {
-    fn emulated(board: Board, policy: &Path, folder: &Path) -> Result<Self> {
+    fn emulated(board: Board, sensors: Sensors, policy: &Path, folder: &Path) -> Result<Self> {
         setup::emulation()?;
-        Ok(Self::Emulated(Emulator::start(&board.build()?, Some(policy), folder)?))
+        let image = board.build_with(sensors.features())?;
+        Ok(Self::Emulated(Emulator::start(&image, Some(policy), folder)?))
     }
 
     /// Returns the option of `sim-host bridge` that names the board.
