@@ -18,6 +18,7 @@ mod robustness;
 mod run;
 mod sensors;
 mod shore;
+mod study;
 mod watch;
 
 use leg_process::{remedy, stderr};

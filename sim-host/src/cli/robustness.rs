@@ -7,63 +7,35 @@ use std::process::ExitCode;
 use anyhow::Context;
 use leg_process::stdout;
 
+use super::study::{Study, StudyArgs};
 use super::{checked_policy, misuse, unwritable};
-use crate::robustness::{Comparison, Media, Report, Size, picture, sweep};
+use crate::robustness::{Comparison, Report, Size, picture, sweep};
 use leg_process::atomic_file::AtomicFile;
 use leg_process::policy_file::PolicyFile;
 
-const MOST_RUNS: u64 = 100_000;
-
-/// Plays a policy under faults of growing level, one kind at a time, in each
-/// medium, from seeded starts. Prints and plots the share of runs that still hop
+/// Plays a policy under faults of growing level, one kind at a time, and with sensors of every
+/// kind, in each medium, from seeded starts. Prints and plots the share of runs that still hop
 /// after 30 hops, also beside those of another policy or build.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
-    /// Policy file [default: the shipped policy].
-    #[arg(long, value_name = "FILE")]
-    policy: Option<PathBuf>,
+    #[command(flatten)]
+    study: StudyArgs,
     /// Another policy, or the --json output of an earlier sweep: its shares are shown beside these,
     /// with the 95 % intervals of the differences.
     #[arg(long, value_name = "FILE")]
     against: Option<PathBuf>,
-    /// Runs at each level, each from another start.
-    #[arg(long, value_name = "N", default_value_t = 20, allow_negative_numbers = true)]
-    runs: u64,
-    /// Threads [default: one per core]; the result is the same for any number.
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
-    jobs: Option<usize>,
-    /// Media in which the leg hops.
-    #[arg(long, value_name = "MEDIA", value_delimiter = ',', default_value = "water,shore,land")]
-    media: Vec<Media>,
     /// Directory for robustness.svg and robustness.csv.
     #[arg(long, value_name = "DIR", default_value = "out")]
     out: PathBuf,
-    /// Print the result as one JSON object.
-    #[arg(long)]
-    json: bool,
 }
 
 pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
-    if !(1..=MOST_RUNS).contains(&args.runs) {
-        return Err(misuse(format!("--runs is {}; it must be from 1 to {MOST_RUNS}", args.runs)));
-    }
-    let jobs = args.jobs.unwrap_or(0);
-    if args.jobs.is_some_and(|jobs| !(1..=1024).contains(&jobs)) {
-        return Err(misuse(format!("--jobs is {jobs}; it must be from 1 to 1024")));
-    }
-    let mut media: Vec<Media> = Vec::new();
-    for &one in &args.media {
-        if !media.contains(&one) {
-            media.push(one);
-        }
-    }
-    let blob = checked_policy(args.policy.as_deref())?;
+    let Study { policy: blob, runs, media, pool } = args.study.study()?;
     let policy = blob.policy().map_err(misuse)?;
     let other = args.against.as_deref().map(Other::read).transpose()?;
     // Opened before the sweep, so that an unwritable directory is reported at once.
     let (svg, csv) = (begin(&args.out, "robustness.svg")?, begin(&args.out, "robustness.csv")?);
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(jobs).build()?;
-    let size = Size { runs: args.runs, media };
+    let size = Size { runs, media };
     let mut report = pool.install(|| sweep(&policy, &size))?;
     if let (Some(other), Some(path)) = (other, &args.against) {
         let theirs = match other {
@@ -79,7 +51,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         })?);
     }
     // Printed first, so that it is not lost where a file cannot be written.
-    if args.json {
+    if args.study.json {
         stdout::print_line(serde_json::to_string(&report)?)?;
     } else {
         stdout::print_line(&report)?;
@@ -88,7 +60,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let drawn = picture::draw(&report)
         .map_err(|cause| anyhow::anyhow!("cannot draw the picture: {cause}"))?;
     finish(svg, &drawn)?;
-    if !args.json {
+    if !args.study.json {
         let picture = args.out.join("robustness.svg");
         stdout::print_line(format_args!("  picture: {}", picture.display()))?;
     }

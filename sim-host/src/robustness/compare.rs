@@ -165,7 +165,7 @@ impl fmt::Display for Comparison {
         if !differing.is_empty() {
             writeln!(
                 f,
-                "\n  {:<10}{:>8}  {:<8}{:>8}{:>10}{:>12}   95 % interval",
+                "\n  {:<19}{:>8}  {:<8}{:>8}{:>10}{:>12}   95 % interval",
                 "fault", "level", "medium", "this", "other", "difference"
             )?;
         }
@@ -175,7 +175,7 @@ impl fmt::Display for Comparison {
             let mark = if row.is_significant() { "  *" } else { "" };
             writeln!(
                 f,
-                "  {:<10}{:>8}  {:<8}{:>6.0} %{:>8.0} %{:>+10.0} %   {low:+.0} to {high:+.0} %{mark}",
+                "  {:<19}{:>8}  {:<8}{:>6.0} %{:>8.0} %{:>+10.0} %   {low:+.0} to {high:+.0} %{mark}",
                 row.fault,
                 row.level,
                 row.media.name(),

@@ -19,7 +19,7 @@ fn color_of(media: Media) -> Color {
 /// [`DrawError`] if the drawing library cannot lay out a panel.
 pub fn draw(report: &Report) -> Result<String, DrawError> {
     let title = format!(
-        "Share of {} runs that still hop after {} hops, by fault",
+        "Share of {} runs that still hop after {} hops, by fault and sensors",
         report.runs, report.hops
     );
     let other = report
@@ -36,7 +36,10 @@ pub fn draw(report: &Report) -> Result<String, DrawError> {
 fn panel(report: &Report, axis: &Axis) -> Panel {
     let [first, last] = [axis.levels[0], axis.levels[axis.levels.len() - 1]];
     let margin = 0.03 * (last - first);
-    let x = leg_charts::Axis::new(axis.unit, first - margin..last + margin);
+    let mut x = leg_charts::Axis::new(axis.unit, first - margin..last + margin);
+    if let Some(names) = axis.names() {
+        x = x.with_ticks(names);
+    }
     let y = leg_charts::Axis::new("", -0.04..1.04).written(percent);
     let mut panel = Panel::new(axis.name, x, y);
     if let Some(none) = axis.none {
@@ -69,7 +72,7 @@ mod tests {
         let media = [Media::Water, Media::Land];
         let rows = media.into_iter().flat_map(|media| {
             AXES.iter().flat_map(move |axis| {
-                axis.levels.into_iter().map(move |level| Row {
+                axis.levels.iter().map(move |&level| Row {
                     fault: axis.name.into(),
                     level,
                     media,

@@ -115,11 +115,11 @@ impl fmt::Display for Report {
         let Self { policy, hops, runs, .. } = self;
         writeln!(f, "Share of {runs} runs still hopping after {hops} hops, policy `{policy}`")?;
         for axis in &AXES {
-            write!(f, "\n  {:<10}", axis.name)?;
+            write!(f, "\n  {:<19}", axis.name)?;
             axis.levels.iter().try_for_each(|level| write!(f, "{level:>8}"))?;
             writeln!(f, "   {}", axis.unit)?;
             for media in self.media() {
-                write!(f, "    {:<8}", media.name())?;
+                write!(f, "    {:<17}", media.name())?;
                 for row in self.line(axis, media) {
                     write!(f, "{:>6.0} %", 100.0 * row.share())?;
                 }

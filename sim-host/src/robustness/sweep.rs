@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::faults::stage::SteppedLink;
-use leg_control::config::{Config, ConfigError};
+use leg_control::config::ConfigError;
 use leg_control::policy::Policy;
 use leg_control::wire_controller::WireController;
 use leg_host::Link;
@@ -33,20 +33,25 @@ struct Case {
     seed: u64,
 }
 
+/// Returns a run. Its controller is configured for the usual figures of its sensors, whatever
+/// they are in the run.
 fn scenario(axis: &Axis, level: f64, media: Media, seed: u64) -> Result<Scenario, BadValue> {
-    let mut settings = Settings {
-        // A hop takes a second on land, two in water, and nine in water for a leg that is hardly
-        // heavier than the water it displaces. This is enough for all.
-        duration_s: Some(400.0),
-        seed: Some(seed),
-        density_profile: Some(media.density_profile()),
-        set_point_m_s: Some(0.5),
-        faults: axis.faults(level),
-        ..Settings::default()
+    let complete = |base: Settings| {
+        let mut settings = Settings {
+            // A hop takes a second on land, two in water, and nine in water for a leg that is
+            // hardly heavier than the water it displaces. This is enough for all.
+            duration_s: Some(400.0),
+            seed: Some(seed),
+            density_profile: Some(media.density_profile()),
+            set_point_m_s: Some(0.5),
+            ..base
+        };
+        settings.start.vx_spread_m_s = Some(0.5);
+        settings.start.y_spread_m = Some(0.5);
+        Scenario::from_settings(&settings)
     };
-    settings.start.vx_spread_m_s = Some(0.5);
-    settings.start.y_spread_m = Some(0.5);
-    Scenario::from_settings(&settings)
+    let estimator = complete(axis.usual(level))?.estimator;
+    Ok(Scenario { estimator, ..complete(axis.settings(level))? })
 }
 
 /// Returns the number of apexes of a run until the leg falls, at most [`HOPS`].
@@ -93,8 +98,7 @@ pub fn sweep(policy: &Policy<'_>, size: &Size) -> Result<Report, ConfigError> {
             }
             let scenario = scenario(axis, level, case.media, case.seed)
                 .expect("a test creates every scenario");
-            let config = Config::at_rate(scenario.rate_hz)?
-                .with_gravity(scenario.controller_gravity_m_s2())?;
+            let config = scenario.controller_config()?;
             Ok(apexes(&scenario, WireController::new(policy.clone(), config)))
         })
         .collect::<Result<_, ConfigError>>()?;
@@ -134,18 +138,30 @@ pub fn sweep(policy: &Policy<'_>, size: &Size) -> Result<Report, ConfigError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sensors::SensorProfile;
 
     #[test]
     fn every_scenario_of_the_sweep_is_valid() {
         for axis in &AXES {
             let none = axis.none.is_none_or(|none| axis.levels.contains(&none));
             assert!(none && axis.levels.is_sorted(), "{}", axis.name);
-            for level in axis.levels {
+            for &level in axis.levels {
                 for media in [Media::Water, Media::Shore, Media::Land] {
                     let scenario = scenario(axis, level, media, 3).unwrap();
-                    assert_eq!(scenario.faults.is_empty(), axis.is_none(level), "{}", axis.name);
+                    let is_usual = scenario.faults.is_empty()
+                        && scenario.sensor_profile == SensorProfile::Ideal;
+                    assert_eq!(is_usual, axis.is_none(level), "{}", axis.name);
+                    scenario.controller_config().unwrap();
                 }
             }
         }
+    }
+
+    #[test]
+    fn the_controller_is_not_told_a_level_of_its_sensors() {
+        let axis = AXES.iter().find(|axis| axis.name == "acceleration-bias").unwrap();
+        let [low, high] = [0.0, 5.0].map(|level| scenario(axis, level, Media::Land, 3).unwrap());
+        assert_ne!(low.sensors, high.sensors);
+        assert!(low.estimator.is_some() && low.estimator == high.estimator);
     }
 }

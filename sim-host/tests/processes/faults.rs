@@ -79,7 +79,7 @@ fn a_sweep_gives_equal_bits_with_one_and_two_threads() {
     let (one, two) = (sweep("1", "one"), sweep("2", "two"));
     assert_eq!(one, two);
     let report: serde_json::Value = serde_json::from_str(&one.0).expect("JSON");
-    assert_eq!(report["rows"].as_array().map(Vec::len), Some(84));
+    assert_eq!(report["rows"].as_array().map(Vec::len), Some(144));
     // The report of one build beside the sweep of another, here the same.
     let earlier = place.file("earlier.json");
     std::fs::write(&earlier, &one.0).unwrap();
@@ -91,12 +91,12 @@ fn a_sweep_gives_equal_bits_with_one_and_two_threads() {
     };
     let beside = against(&earlier);
     let text = &beside.assert_ok().out;
-    assert!(text.contains("84 of 84 shares are equal; runs of the same starts"), "{text}");
+    assert!(text.contains("144 of 144 shares are equal; runs of the same starts"), "{text}");
     // The shipped policy from a file beside itself.
     let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/../controller/policies/robust.bin");
     let itself = against(std::path::Path::new(shipped));
     let text = &itself.assert_ok().out;
-    assert!(text.contains("84 of 84 shares are equal; runs of the same starts"), "{text}");
+    assert!(text.contains("144 of 144 shares are equal; runs of the same starts"), "{text}");
     std::fs::write(&earlier, "{\"rows\": 3}").unwrap();
     against(&earlier).assert(2, &["earlier.json", "no report of `sim-host robustness --json`"]);
     std::fs::write(&earlier, one.0.replace("\"hops\":30", "\"hops\":31")).unwrap();
