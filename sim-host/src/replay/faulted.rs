@@ -98,7 +98,7 @@ impl Faulted {
 
 /// Returns the faults of a recording's link, from the start of the run; `None` if its scenario is
 /// not valid here.
-pub(super) fn plan(contents: &Contents) -> Result<Option<FaultPlan>, ReadError> {
+fn plan(contents: &Contents) -> Result<Option<FaultPlan>, ReadError> {
     let settings = Settings::from_toml(&contents.config()?.scenario_toml).ok();
     let scenario = settings.and_then(|settings| Scenario::from_settings(&settings).ok());
     Ok(scenario.map(|scenario| scenario.faults.plan()))

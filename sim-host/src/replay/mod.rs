@@ -63,7 +63,15 @@ pub fn replay(path: &Path, other: Option<&PolicyFile>) -> Result<ReplayReport, R
     if contents.commands == 0 {
         return Err(contents.missing("new command of a controller", Channel::Command).into());
     }
-    let mut report = run(path, &contents, other, &mut |_, _| ())?;
+    let mut held = VecDeque::new();
+    let mut keep = |at, estimate| held.push_back((at, estimate));
+    let mut ignore = |_, _| ();
+    let observe: Observe<'_> = if contents.has_estimates { &mut keep } else { &mut ignore };
+    let mut report = run(path, &contents, other, observe)?;
+    // The estimates depend on the commands, which must be the same.
+    if report.is_the_same() && other.is_none() {
+        estimates::compare(&contents, held, &mut report)?;
+    }
     report.finish();
     if report.compared == 0 {
         let why = report.not_compared.unwrap_or_else(|| "it has none to compare".to_owned());
@@ -120,7 +128,6 @@ fn run(
     let mut report = ReplayReport::new(path, contents, name, other.is_some(), faulted.is_some())?;
     let set_points = SetPoints::of(&contents.set_points);
     let fresh = WireController::new(first, config);
-    let without_state = fresh.clone();
     let is_other = other.is_some();
     if let Some(faulted) = faulted {
         let law = Recorded { controller: fresh, swaps, set_points: &set_points };
@@ -128,10 +135,6 @@ fn run(
     } else {
         let controller = ReplayController::new(fresh, swaps, set_points);
         follow(contents, controller, is_other, &mut report, observe)?;
-    }
-    // The estimates depend on the commands, which must be the same.
-    if report.is_the_same() && !is_other {
-        estimates::compare(contents, without_state, &mut report)?;
     }
     Ok(report)
 }

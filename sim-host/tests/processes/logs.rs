@@ -4,9 +4,10 @@ use std::fs::{self, File};
 use std::path::Path;
 
 use mcap::records::MessageHeader;
+use prost::Message;
 use serde_json::{Map, Value, json};
 use sim_host::record::read::Reader;
-use sim_host::record::schema::{AnyMessage, Estimate};
+use sim_host::record::schema::{AnyMessage, Config, Estimate, Sample};
 
 use super::place::{Ended, Place};
 use super::text;
@@ -320,6 +321,30 @@ fn a_failed_export_leaves_no_file() {
     export(&file, text(&csv)).assert(2, &["no.mcap is not an MCAP file"]);
     assert!(!csv.exists());
     export(&file, "no/such/folder.csv").assert(2, &["cannot write no/such/folder.csv"]);
+}
+
+/// The times of each run begin with 0.
+#[test]
+fn a_recording_of_several_runs_is_not_exported() {
+    let place = Place::new();
+    let (mcap, csv) = (place.file("runs.mcap"), place.file("runs.csv"));
+    let mut writer = mcap::WriteOptions::new().create(File::create(&mcap).unwrap()).unwrap();
+    let mut add = |topic: &str, bytes: &[u8]| {
+        let none = std::collections::BTreeMap::new();
+        let channel_id = writer.add_channel(0, topic, "protobuf", &none).unwrap();
+        let header = MessageHeader { channel_id, sequence: 0, log_time: 0, publish_time: 0 };
+        writer.write_to_known_channel(&header, bytes).unwrap();
+    };
+    let config =
+        Config { wire_version: 2, rate_hz: 1_000, gravity_m_s2: 9.81, ..Config::default() };
+    add("/config", &config.encode_to_vec());
+    for run_id in [1, 2] {
+        add("/sample", &Sample { run_id, ..Sample::default() }.encode_to_vec());
+    }
+    writer.finish().unwrap();
+    let export = place.start("export", &[text(&mcap), "--csv", text(&csv)]).end();
+    export.assert(2, &["put back to its start 1 times; a log is of one run"]);
+    assert!(!csv.exists());
 }
 
 /// A run of two processes has no estimates in its recording.

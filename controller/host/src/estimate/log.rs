@@ -1,17 +1,17 @@
-//! Reads the rows of a log: CSV, or messages in JSON in an MCAP file.
+//! Opens a log, and finds out what it has.
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{self, BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
-use csv::StringRecord;
-use leg_recording::other::{self, TopicReader};
+use leg_recording::other;
 use leg_recording::read::ReadError;
 use leg_recording::schema::Channel;
-use serde_json::{Map, Value};
 
 use super::column::Column;
+use super::csv_rows::CsvRows;
+use super::json_rows::JsonRows;
 use super::row::{CellError, Row};
 use crate::law::EstimatorKind;
 
@@ -290,115 +290,5 @@ impl Rows {
             Self::Csv(rows) => rows.next_row(),
             Self::Json(rows) => rows.next_row(),
         }
-    }
-}
-
-/// The rows of a CSV file.
-struct CsvRows {
-    path: PathBuf,
-    reader: csv::Reader<BufReader<File>>,
-    /// The column at each place.
-    places: Vec<Option<Column>>,
-    unknown: Vec<String>,
-    record: StringRecord,
-}
-
-impl CsvRows {
-    fn open(path: &Path, file: BufReader<File>) -> Result<Self, LogError> {
-        let mut reader =
-            csv::ReaderBuilder::new().flexible(true).trim(csv::Trim::All).from_reader(file);
-        let csv = |cause| LogError::Csv { path: path.to_owned(), cause };
-        let header = reader.headers().map_err(csv)?.clone();
-        let names: Vec<&str> =
-            header.iter().map(|name| name.trim_start_matches('\u{feff}')).collect();
-        let places: Vec<_> = names.iter().map(|name| Column::named(name)).collect();
-        let error = |what| LogError::Columns { path: path.to_owned(), what };
-        for column in Column::all() {
-            if places.iter().filter(|place| **place == Some(column)).count() > 1 {
-                return Err(error(format!("line 1: more than one column {}", column.name())));
-            }
-        }
-        if !places.contains(&Some(Column::Time)) {
-            let time = Column::Time.name();
-            return Err(error(format!("line 1 has no column {time}: `{}`", names.join(","))));
-        }
-        let unknown = names.iter().zip(&places).filter(|(_, place)| place.is_none());
-        let unknown = unknown.map(|(name, _)| format!("`{name}`")).collect();
-        let path = path.to_owned();
-        Ok(Self { path, reader, places, unknown, record: StringRecord::new() })
-    }
-
-    fn columns(&self) -> Vec<Column> {
-        self.places.iter().copied().flatten().collect()
-    }
-
-    fn next_row(&mut self) -> Result<Option<Row>, LogError> {
-        let Self { path, reader, places, record, .. } = self;
-        let csv = |cause| LogError::Csv { path: path.clone(), cause };
-        if !reader.read_record(record).map_err(csv)? {
-            return Ok(None);
-        }
-        let line = record.position().map_or(0, csv::Position::line);
-        if record.len() != places.len() {
-            let (cells, header) = (record.len(), places.len());
-            let what = format!("line {line}: {cells} cells where line 1 has {header}");
-            return Err(LogError::Columns { path: path.clone(), what });
-        }
-        let place = || format!("line {line}");
-        let mut row = Row::new(0);
-        for (column, text) in places.iter().zip(record.iter()) {
-            let Some(column) = *column else { continue };
-            if column == Column::Time && text.is_empty() {
-                let what = format!("line {line}: no {}", column.name());
-                return Err(LogError::Columns { path: path.clone(), what });
-            }
-            row.set(column, text, path, place)?;
-        }
-        Ok(Some(row))
-    }
-}
-
-/// The messages in JSON of a topic.
-struct JsonRows {
-    path: PathBuf,
-    topic: String,
-    reader: TopicReader,
-    number: u64,
-    /// Names of all fields so far.
-    names: BTreeSet<String>,
-}
-
-impl JsonRows {
-    fn open(path: &Path, topic: String) -> Result<Self, LogError> {
-        let reader = TopicReader::open(path, &topic)?;
-        Ok(Self { path: path.to_owned(), topic, reader, number: 0, names: BTreeSet::new() })
-    }
-
-    fn next_row(&mut self) -> Result<Option<Row>, LogError> {
-        let Some(message) = self.reader.next_message()? else { return Ok(None) };
-        self.number += 1;
-        let Self { path, topic, number, names, .. } = self;
-        let fields: Map<String, Value> =
-            serde_json::from_slice(&message.bytes).map_err(|cause| LogError::Json {
-                path: path.clone(),
-                topic: topic.clone(),
-                number: *number,
-                cause: cause.to_string(),
-            })?;
-        let place = || format!("message {number} of {topic}");
-        // Without a time of its own a message has that of the log.
-        let mut row = Row::new(message.log_time_ns.into());
-        for (name, value) in &fields {
-            if !names.contains(name) {
-                names.insert(name.clone());
-            }
-            let Some(column) = Column::named(name) else { continue };
-            match value {
-                Value::Null => (),
-                Value::String(text) => row.set(column, text, path, place)?,
-                value => row.set(column, &value.to_string(), path, place)?,
-            }
-        }
-        Ok(Some(row))
     }
 }

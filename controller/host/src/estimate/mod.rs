@@ -14,6 +14,8 @@
 mod assemble;
 pub mod chart;
 mod column;
+mod csv_rows;
+mod json_rows;
 mod log;
 mod report;
 mod row;
