@@ -60,6 +60,9 @@ pub enum ReplayError {
 /// [`ReplayError`] if the recording or the policy cannot be used.
 pub fn replay(path: &Path, other: Option<&PolicyFile>) -> Result<ReplayReport, ReplayError> {
     let contents = Contents::of(path)?;
+    // What is missing is named in the order in which a recording has it.
+    recorded::config(path, &contents)?;
+    contents.first()?;
     if contents.commands == 0 {
         return Err(contents.missing("new command of a controller", Channel::Command).into());
     }
