@@ -5,8 +5,8 @@
 //! 10.5281/zenodo.4607469) where these show them.
 
 use crate::config::{
-    Config, Critic, Episode, Exploration, InitialWeights, Learning, Length, MediumDraw, Network,
-    Reward, Selection, Stage, Tolerance,
+    Config, Critic, Distribution, Episode, Exploration, InitialWeights, Learning, Length,
+    MediumDraw, Network, Randomisation, Reward, Selection, Stage, Tolerance,
 };
 use leg_control::policy::GainPoint;
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_3, PI};
@@ -24,6 +24,8 @@ pub enum Preset {
     Universal,
     /// One actor for every density ratio; the shipped policy's preset.
     Robust,
+    /// An experiment: `robust` in randomised bodies and on slippery ground.
+    Field,
 }
 
 /// Lowest action of the leg: touchdown angle in rad, elongation speed in m/s.
@@ -43,6 +45,7 @@ impl Preset {
             Self::WaterToAir => paper("water-to-air", 5, vec![water, land]),
             Self::Universal => paper("universal", 10, vec![stage(MediumDraw::WaterAndAir, 10_000)]),
             Self::Robust => robust(),
+            Self::Field => field(),
         }
     }
 }
@@ -184,6 +187,24 @@ fn robust() -> Config {
     }];
     config.selection = Selection { evaluations: 60, starts: 4000, tracking: 1e-3 };
     config.gains.clear();
+    config
+}
+
+fn field() -> Config {
+    let mut config = robust();
+    config.preset = "field".into();
+    // The exact episodes are as many as 0.75 of those of `robust`.
+    config.stages[0].length = Length::Steps(500_000);
+    let uniform = |low, high| Some(Distribution::Uniform { low, high });
+    config.randomisation = Some(Randomisation {
+        share: 0.4,
+        mass: uniform(0.8, 1.2),
+        stiffness: uniform(0.8, 1.2),
+        damping_n_s_m: uniform(0.0, 50.0),
+        foot_mass_kg: uniform(0.0, 2.0),
+        friction: Some(Distribution::LogUniform { low: 0.5, high: 1.2 }),
+        ..Randomisation::default()
+    });
     config
 }
 

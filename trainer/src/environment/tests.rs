@@ -102,6 +102,7 @@ fn the_density_range_covers_all_stages() {
         (Preset::WaterToAir, [0.0, 1.0]),
         (Preset::Universal, [0.0, 1.0]),
         (Preset::Robust, [0.0, 1.0]),
+        (Preset::Field, [0.0, 1.0]),
     ] {
         assert_eq!(preset.config().density_range(), range, "{preset:?}");
     }
