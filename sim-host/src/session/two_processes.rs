@@ -9,7 +9,7 @@ use leg_host::discovery::DomainError;
 use leg_host::realtime::LoopReport;
 use leg_host::reconnect::{LinkEvent, ReconnectingLink};
 use leg_host::shm::{ConnectError, MissingPeer, ShmLeg};
-use leg_host::{Domain, LegLink, SessionParams};
+use leg_host::{Domain, LegLink, Role, SessionParams};
 use leg_process::Stop;
 
 use super::child::{ControllerArgs, ControllerChild};
@@ -123,15 +123,22 @@ pub fn run_lock_step(
     hooks: &mut impl Hooks,
 ) -> Result<Outcome, PlayError> {
     let options = Options { timeout: connect.timeout, run_id: connect.run_id };
-    let (outcome, _) =
+    let (outcome, controller) =
         connect_and_run(scenario.session_params(), connect, stop, on_event, |connected| {
             Ok(lock_step::run_with(scenario, &mut connected.in_lock_step(), options, hooks)?)
         })?;
-    Ok(outcome)
+    controller.map(|_| outcome)
 }
 
-/// Connects on `params` and calls `run`. Returns its result and, if the controller
-/// was started here in real time, the report of its loop.
+/// How a controller that was started here ended: the report of its loop, if it ran in real
+/// time, or its failure. Without one it is `Ok(None)`.
+pub type ControllerEnd = Result<Option<LoopReport>, PlayError>;
+
+/// Connects on `params` and calls `run`. Returns its result, which a failure of the controller
+/// at the end does not take away, and how a controller ended that was started here.
+///
+/// A signal that ends the run, as that of a terminal, may reach both processes: then the
+/// controller ends by it as well, which is no failure.
 ///
 /// # Errors
 /// [`PlayError`].
@@ -141,7 +148,7 @@ pub fn connect_and_run<R>(
     stop: &Stop,
     mut on_event: impl FnMut(SessionEvent<'_>),
     run: impl FnOnce(Connected<'_>) -> Result<R, PlayError>,
-) -> Result<(R, Option<LoopReport>), PlayError> {
+) -> Result<(R, ControllerEnd), PlayError> {
     // Joined before the child and left after it, so that this process removes what a killed
     // child leaves.
     let domain = Domain::join(&connect.domain)?;
@@ -154,6 +161,9 @@ pub fn connect_and_run<R>(
         child.as_mut().is_none_or(|child| child.ended().is_none())
     });
     match (connected, child.as_mut().and_then(ControllerChild::ended)) {
+        (Err(_), Some(_)) if stop.is_raised() => {
+            return Err(ConnectError::Stopped(Role::Controller).into());
+        }
         (Err(_), Some(status)) => return Err(PlayError::Controller(status)),
         (connected, _) => drop(connected?),
     }
@@ -164,9 +174,11 @@ pub fn connect_and_run<R>(
         on_event: &mut on_event,
         may_wait: &mut may_wait,
     })?;
-    let Some(child) = child else { return Ok((outcome, None)) };
-    match child.finish().map_err(PlayError::Start)? {
-        (status, report) if status.success() => Ok((outcome, report)),
-        (status, _) => Err(PlayError::Controller(status)),
-    }
+    let Some(child) = child else { return Ok((outcome, Ok(None))) };
+    let ended = match child.finish().map_err(PlayError::Start) {
+        Ok((status, report)) if status.success() || stop.is_raised() => Ok(report),
+        Ok((status, _)) => Err(PlayError::Controller(status)),
+        Err(cause) => Err(cause),
+    };
+    Ok((outcome, ended))
 }

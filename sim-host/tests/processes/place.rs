@@ -4,6 +4,7 @@ use std::ffi::OsStr;
 use std::fs;
 use std::io::Read;
 use std::os::unix::fs::PermissionsExt;
+use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -151,6 +152,14 @@ impl Place {
     pub(crate) fn alone(&self, arguments: &[&str]) -> Running {
         let policy = self.policy();
         self.start("run", &[&["--policy", text(&policy)], arguments].concat())
+    }
+
+    /// Starts a simulator that needs no other process of the test, in a process group of its own
+    /// as of a shell's job.
+    pub(crate) fn job(&self, arguments: &[&str]) -> Running {
+        let mut program = Command::new(PROGRAM);
+        program.args(["run", "--policy"]).arg(self.policy()).args(arguments).process_group(0);
+        Running::start(program.current_dir(self.dir.path()))
     }
 
     /// Starts the demonstration, with its picture in `folder`.
@@ -338,6 +347,12 @@ impl Running {
     pub(crate) fn signal(&mut self, signal: rustix::process::Signal) {
         let pid = i32::try_from(self.pid()).ok().and_then(rustix::process::Pid::from_raw);
         rustix::process::kill_process(pid.expect("a process"), signal).expect("signal");
+    }
+
+    /// Sends a signal to all processes of a job, as a terminal does.
+    pub(crate) fn signal_job(&mut self, signal: rustix::process::Signal) {
+        let pid = i32::try_from(self.pid()).ok().and_then(rustix::process::Pid::from_raw);
+        rustix::process::kill_process_group(pid.expect("a process"), signal).expect("signal");
     }
 
     /// Sends a signal to each child of the process.

@@ -1,11 +1,14 @@
 //! Runs in real time. The tests check states and counts and never durations, because
 //! the machine may be busy.
 
+use std::process::{Command, Stdio};
+
 use rustix::process::Signal;
 use serde_json::Value;
+use sim_host::record::schema::AnyMessage;
 
 use crate::LONG_TIMEOUT;
-use crate::place::{Place, text};
+use crate::place::{PROGRAM, Place, text, wait_until};
 
 fn json(text: &str) -> Value {
     serde_json::from_str(text.trim()).unwrap_or_else(|cause| panic!("{cause}: {text}"))
@@ -181,4 +184,80 @@ fn a_signal_ends_both_loops_with_their_reports() {
     assert!(simulator.out.contains("wake-up lateness"), "{}", simulator.out);
     controller.end().assert_ok();
     place.assert_clean();
+}
+
+/// Regression: the controller's end by the same signal counted as its failure.
+#[test]
+fn a_signal_to_both_processes_keeps_both_reports_and_the_end_of_the_recording() {
+    let place = Place::new();
+    let path = place.file("stopped.mcap");
+    let of_run = ["--spawn", "--real-time", "--duration", "80000", "--domain", place.domain()];
+    let recorded = ["--json", "--record", text(&path)];
+    for signal in [Signal::INT, Signal::TERM] {
+        let mut job = place.job(&[&of_run[..], &recorded].concat());
+        place.wait_for_the_run(None);
+        job.signal_job(signal);
+        let job = job.end();
+        job.assert(1, &["sim-host: stopped by a signal"]);
+        assert!(!job.err.contains("failed"), "{}", job.err);
+        let report = json(&job.out);
+        assert_eq!(report["ending"], "stopped");
+        assert_adds_up(&report["loop"], "leg");
+        assert_adds_up(&report["controller_loop"], "controller");
+        let (_, rest, _) = crate::record::read(&path);
+        let Some(AnyMessage::End(end)) = rest.last() else { panic!("{:?}", rest.last()) };
+        assert_eq!((&*end.ending, end.ticks), ("stopped", count(&report, "ticks")));
+        place.assert_clean();
+    }
+    // Also while the controller starts, of which nothing else is reported.
+    let mut job = place.job(&of_run);
+    wait_until(|| if place.root().exists() { Ok(()) } else { Err("no domain".to_owned()) });
+    job.signal_job(Signal::INT);
+    let job = job.end();
+    job.assert(1, &["sim-host: stopped by a signal"]);
+    assert!(!job.err.contains("failed"), "{}", job.err);
+    place.assert_clean();
+}
+
+#[test]
+fn a_run_whose_controller_is_killed_prints_its_report_and_the_failure() {
+    let place = Place::new();
+    let of_run = ["--spawn", "--real-time", "--json", "--domain", place.domain()];
+    let mut simulator = place.alone(&[&of_run[..], &["--duration", "80000"]].concat());
+    place.wait_for_the_run(None);
+    simulator.signal_children(Signal::KILL);
+    simulator.wait_for_message("died");
+    place.end_the_run();
+    let simulator = simulator.end();
+    simulator.assert(1, &["the controller failed (signal: 9"]);
+    let report = json(&simulator.out);
+    assert_eq!((&report["ending"], &report["controller_loop"]), (&"stopped".into(), &Value::Null));
+    assert_adds_up(&report["loop"], "leg");
+    place.assert_clean();
+}
+
+/// Regression: iceoryx2 panicked in printing that it does not know this log level.
+#[test]
+fn a_signal_in_real_time_ends_a_program_as_ever_after_its_readers_have_gone() {
+    let place = Place::new();
+    let run = ["run", "--real-time", "--live", "--duration", "80000", "--domain", place.domain()];
+    let stays = ["controller", "--real-time", "--live", "--domain", place.domain()];
+    let spawns = [&run[..], &["--spawn"]].concat();
+    for (arguments, status) in [(spawns, 1), (stays.to_vec(), 0)] {
+        let (reader, gone) = std::io::pipe().expect("a pipe");
+        drop(reader);
+        let mut command = Command::new(PROGRAM);
+        command.args(&arguments).env("IOX2_LOG_LEVEL", "none").stdin(Stdio::null());
+        command.stdout(gone.try_clone().expect("a pipe's end")).stderr(gone);
+        let mut program = command.spawn().expect("start");
+        if status == 1 {
+            place.wait_for_the_run(None);
+        } else {
+            place.wait_for_the_controller();
+        }
+        let pid = rustix::process::Pid::from_child(&program);
+        rustix::process::kill_process(pid, Signal::INT).expect("signal");
+        assert_eq!(program.wait().expect("wait").code(), Some(status), "{arguments:?}");
+        place.assert_clean();
+    }
 }

@@ -40,7 +40,7 @@ fn size(path: &Path) -> u64 {
 }
 
 /// Returns the samples and commands of a file, its other messages, and its warning.
-fn read(path: &Path) -> (Vec<(Sample, Command)>, Vec<AnyMessage>, Option<String>) {
+pub(crate) fn read(path: &Path) -> (Vec<(Sample, Command)>, Vec<AnyMessage>, Option<String>) {
     let mut reader = Reader::open(path).unwrap();
     let (mut ticks, mut rest, mut last) = (Vec::new(), Vec::new(), None);
     while let Some(entry) = reader.next_message().unwrap() {

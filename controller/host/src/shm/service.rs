@@ -9,7 +9,7 @@ use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::{
     Config, FileName, LogLevel, Node, NodeName, Path, PortName, SemanticString, SignalHandlingMode,
-    ipc, set_log_level_from_env_or,
+    ipc, set_log_level,
 };
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
@@ -46,10 +46,23 @@ pub fn config(session: &Session) -> Result<Config, String> {
     Ok(config)
 }
 
+/// Returns the log level that a value of `IOX2_LOG_LEVEL` names, otherwise that of fatal errors.
+/// (`set_log_level_from_env_or` prints any other value, and panics if the standard error is closed.)
+fn log_level(name: Option<&str>) -> LogLevel {
+    match name.unwrap_or_default().to_lowercase().as_str() {
+        "trace" => LogLevel::Trace,
+        "debug" => LogLevel::Debug,
+        "info" => LogLevel::Info,
+        "warn" => LogLevel::Warn,
+        "error" => LogLevel::Error,
+        _ => LogLevel::Fatal,
+    }
+}
+
 /// Returns a node of iceoryx2 in a session.
 pub(super) fn node(session: &Session, name: &str) -> Result<Node<Ipc>, String> {
     // iceoryx2 would also log each error that it returns.
-    set_log_level_from_env_or(LogLevel::Fatal);
+    set_log_level(log_level(std::env::var("IOX2_LOG_LEVEL").ok().as_deref()));
     NodeBuilder::new()
         .config(&config(session)?)
         .name(&NodeName::new(name).map_err(text)?)

@@ -25,13 +25,13 @@ pub(super) fn main(
     args: &Args,
     mut recording: Recording,
 ) -> anyhow::Result<ExitCode> {
-    let outcome = if args.in_process {
-        in_process(scenario, args.policy.as_deref(), &mut recording)
+    let played = if args.in_process {
+        in_process(scenario, args.policy.as_deref(), &mut recording).map(|played| (played, Ok(())))
     } else {
         two_processes(scenario, args, &mut recording)
     };
-    let recorded = recording.finish(outcome.as_ref());
-    let outcome = outcome?;
+    let recorded = recording.finish(played.as_ref().map(|(outcome, _)| outcome));
+    let (outcome, controller) = played?;
     if args.json {
         stdout::print_line(serde_json::to_string(&outcome.report())?)?;
     } else {
@@ -49,6 +49,7 @@ pub(super) fn main(
         stdout::print_line(format_args!("state hash {:016x}", outcome.state_hash))?;
     }
     let status = exit_status(&outcome);
+    controller?;
     recorded?;
     Ok(status)
 }
@@ -78,11 +79,11 @@ fn two_processes(
     scenario: &Scenario,
     args: &Args,
     recording: &mut Recording,
-) -> anyhow::Result<Outcome> {
+) -> anyhow::Result<(Outcome, anyhow::Result<()>)> {
     let stop = Stop::on_signals()?;
     let timeout = args.meeting.timeout();
     let params = scenario.session_params();
-    let (outcome, _) = with_controller(
+    let (outcome, controller) = with_controller(
         scenario,
         args,
         params,
@@ -97,5 +98,5 @@ fn two_processes(
             Ok(lock_step::run_with(scenario, &mut link, options, &mut hooks)?)
         },
     )?;
-    Ok(outcome)
+    Ok((outcome, controller.map(|_| ())))
 }

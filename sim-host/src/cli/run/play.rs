@@ -66,8 +66,8 @@ pub(super) fn operated(
 }
 
 /// Connects to a controller process, which `--spawn` starts, and calls `run` with
-/// the run's id. Returns its result and, in real time, the report of a started
-/// controller's loop.
+/// the run's id. Returns its result and how a started controller ended: in real time with
+/// the report of its loop.
 pub(super) fn with_controller<R>(
     scenario: &Scenario,
     args: &Args,
@@ -75,7 +75,7 @@ pub(super) fn with_controller<R>(
     stop: &Stop,
     recording: &mut Recording,
     run: impl FnOnce(Connected<'_>, u32, &mut Recording) -> Result<R, PlayError>,
-) -> anyhow::Result<(R, Option<LoopReport>)> {
+) -> anyhow::Result<(R, anyhow::Result<Option<LoopReport>>)> {
     let domain = args.domain();
     if args.spawn {
         checked_policy(args.policy.as_deref())?;
@@ -100,7 +100,9 @@ pub(super) fn with_controller<R>(
         }
         run(connected, run_id, recording)
     };
-    connect_and_run(params, &connect, stop, on_event, run).map_err(mark_misuse)
+    let (result, controller) =
+        connect_and_run(params, &connect, stop, on_event, run).map_err(mark_misuse)?;
+    Ok((result, controller.map_err(mark_misuse)))
 }
 
 /// Returns a callback that prints the events of a connection. The loss of a

@@ -37,17 +37,18 @@ pub(super) fn main(
         let mut json = serde_json::to_value(outcome.report())?;
         json["time_mode"] = serde_json::to_value(TimeMode::RealTime)?;
         json["loop"] = serde_json::to_value(report)?;
-        json["controller_loop"] = serde_json::to_value(controller)?;
+        json["controller_loop"] = serde_json::to_value(controller.as_ref().ok())?;
         stdout::print_line(json)?;
     } else {
         print_summary(&outcome)?;
         stdout::print_line(format_args!("state hash {:016x}\n\n{report}", outcome.state_hash))?;
-        if let Some(report) = controller {
+        if let Ok(Some(report)) = &controller {
             stdout::print_line(format_args!("\n{report}"))?;
         }
     }
     let status = exit_status(&outcome);
     ended?;
+    controller?;
     recorded?;
     Ok(status)
 }
@@ -69,7 +70,7 @@ fn two_processes(
     args: &Args,
     stop: &Stop,
     recording: &mut Recording,
-) -> anyhow::Result<(Played, Option<LoopReport>)> {
+) -> anyhow::Result<(Played, anyhow::Result<Option<LoopReport>>)> {
     let params = scenario.session_params().with_time_mode(TimeMode::RealTime);
     with_controller(scenario, args, params, stop, recording, |connected, run_id, recording| {
         let mut link = connected.link;
@@ -94,7 +95,7 @@ fn in_process(
     args: &Args,
     stop: &Stop,
     recording: &mut Recording,
-) -> anyhow::Result<(Played, Option<LoopReport>)> {
+) -> anyhow::Result<(Played, anyhow::Result<Option<LoopReport>>)> {
     let blob = checked_policy(args.policy.as_deref())?;
     let policy = blob.policy().map_err(misuse)?;
     warn_of_other_leg(&policy, scenario);
@@ -122,5 +123,5 @@ fn in_process(
         drop(link);
         (played, serving.join().expect("the controller's loop does not panic"))
     });
-    Ok((played, Some(served.report)))
+    Ok((played, Ok(Some(served.report))))
 }
