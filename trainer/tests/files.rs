@@ -278,3 +278,32 @@ fn a_finished_training_is_replaced_by_itself_only() {
     fs::write(at.join("q.bin"), "a note").unwrap();
     succeeds(&format!("{SHORT} --out q.bin"), at);
 }
+
+#[test]
+fn an_output_never_replaces_an_input() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    succeeds(&format!("{SHORT} --out policy.bin"), at);
+    succeeds("export --policy policy.bin --to safetensors actor.st", at);
+    let config = trainer("config show --preset air", at).stdout;
+    fs::write(at.join("air.toml"), config).unwrap();
+    fs::write(at.join("obs.csv"), "vx,y,rho\n0,1.5,0\n").unwrap();
+    let inputs = ["policy.bin", "policy.csv", "actor.st", "air.toml", "obs.csv"];
+    let contents = || inputs.map(|name| fs::read(at.join(name)).unwrap());
+    let (before, names_before) = (contents(), names(at));
+    for (line, file) in [
+        ("infer --policy policy.bin --input obs.csv --output ", "obs.csv"),
+        ("infer --policy policy.bin --input obs.csv --output ", "policy.bin"),
+        ("export --policy policy.bin --to safetensors ", "policy.bin"),
+        ("import --safetensors actor.st --out ", "actor.st"),
+        ("plot policy.bin --out ", "policy.csv"),
+        ("plot a=policy.bin --out ", "policy.bin"),
+        ("train --config air.toml --out ", "air.toml"),
+        ("train --config air.toml --out new.bin --log ", "air.toml"),
+    ] {
+        let error = fails(&format!("{line}{file}"), at, 2);
+        assert!(error.contains(&format!("{file}: cannot be written: it is the same")), "{error}");
+    }
+    assert!(contents() == before);
+    assert_eq!(names(at), names_before);
+}

@@ -176,3 +176,11 @@ fn reads_a_table_alone_or_out_of_a_configuration() {
         assert!(error.contains(message), "{error}");
     }
 }
+
+#[test]
+fn refuses_what_is_no_distribution_in_the_words_of_the_configuration() {
+    for value in ["1", "'uniform'"] {
+        let error = short().with(&format!("randomisation.mass={value}")).unwrap_err().to_string();
+        assert!(error.contains("expected a distribution, such as { kind = "), "{error}");
+    }
+}

@@ -1,5 +1,6 @@
 //! Process-level services that every program of this workspace uses:
 //!
+//! - [`check_apart`]: an output file that would replace an input.
 //! - [`chain`]: an error with its causes as one sentence.
 //! - [`signals`]: a stop flag raised by signals; the limit of file sizes as an error.
 //! - [`stdout`]: printing that tolerates a closed pipe.
@@ -10,6 +11,7 @@
 //! - [`program`]: the running program, to start it again.
 //! - [`rounded`]: numbers for output.
 
+mod apart;
 pub mod atomic_file;
 mod chain;
 pub mod policy_file;
@@ -20,6 +22,7 @@ pub mod signals;
 pub mod stderr;
 pub mod stdout;
 
+pub use apart::check_apart;
 pub use chain::chain;
 pub use rounded::rounded;
 pub use signals::Stop;

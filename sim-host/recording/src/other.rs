@@ -13,11 +13,12 @@ pub fn is_mcap(first_bytes: &[u8]) -> bool {
     first_bytes.starts_with(mcap::MAGIC)
 }
 
-/// Returns the encoding of the messages of each topic in a file.
+/// Returns the encoding of the messages of each topic in a file, and a description of what was
+/// wrong with the file, for the user.
 ///
 /// # Errors
 /// [`ReadError`] if the file is not an MCAP file.
-pub fn encodings(path: &Path) -> Result<BTreeMap<String, String>, ReadError> {
+pub fn encodings(path: &Path) -> Result<(BTreeMap<String, String>, Option<String>), ReadError> {
     let (mut records, _) = Records::open(path)?;
     let mut found = BTreeMap::new();
     records.next_message(|record| {
@@ -26,7 +27,7 @@ pub fn encodings(path: &Path) -> Result<BTreeMap<String, String>, ReadError> {
         }
         Ok(None::<()>)
     })?;
-    Ok(found)
+    Ok((found, records.warning()))
 }
 
 /// A message of a channel, as it is in the file.

@@ -27,6 +27,9 @@ pub enum ReadError {
         /// The error of the system.
         cause: io::Error,
     },
+    /// The path is that of a pipe or a device, which cannot be read twice.
+    #[error("{} is no regular file, but is to be read several times; write it to one first", .0.display())]
+    NotRegular(PathBuf),
     /// The file is not an MCAP file.
     #[error("{} is not an MCAP file", .0.display())]
     NotMcap(PathBuf),

@@ -10,7 +10,7 @@ use std::process::ExitCode;
 use anyhow::Context;
 use csv::StringRecord;
 use leg_plant::{Action, Apex, Hop, Hopper, Leg, Medium, Outcome};
-use leg_process::atomic_file;
+use leg_process::{atomic_file, check_apart};
 
 use super::{Misuse, unwritable};
 
@@ -124,7 +124,9 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let name = args.input.display();
     let cannot_write = || format!("cannot write {}", args.output.display());
     if !is_standard(&args.output) {
-        atomic_file::check(&args.output).map_err(|error| unwritable(error, cannot_write()))?;
+        check_apart(&args.output, [args.input.as_path()])
+            .and_then(|()| atomic_file::check(&args.output))
+            .map_err(|error| unwritable(error, cannot_write()))?;
     }
     let hops = if is_standard(&args.input) {
         convert(io::stdin().lock(), "standard input")?

@@ -9,7 +9,7 @@ use leg_control::serial::message::Estimator;
 use leg_host::law;
 use leg_host::recorded::RecordedError;
 use leg_process::atomic_file::AtomicFile;
-use leg_process::{stderr, stdout};
+use leg_process::{check_apart, stderr, stdout};
 
 use super::{hint, misuse, unwritable};
 use crate::export::{self, ExportError, Exported};
@@ -27,7 +27,9 @@ pub(super) struct Args {
 pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let Args { recording, csv } = args;
     let cannot_write = || format!("cannot write {}", csv.display());
-    let mut file = AtomicFile::create(csv).map_err(|error| unwritable(error, cannot_write()))?;
+    let mut file = check_apart(csv, [recording.as_path()])
+        .and_then(|()| AtomicFile::create(csv))
+        .map_err(|error| unwritable(error, cannot_write()))?;
     let exported = export::export(recording, &mut file).map_err(|error| match error {
         ExportError::Write(cause) => anyhow::Error::new(cause).context(cannot_write()),
         error => misuse(leg_host::cli::hint::with_hint(&error, hint_on(&error))),

@@ -7,7 +7,7 @@ use anyhow::Context;
 
 use super::{hint, misuse, unwritable};
 use crate::plot::{PlotData, picture};
-use leg_process::{atomic_file, stderr};
+use leg_process::{atomic_file, check_apart, stderr};
 
 /// Plots a recording over time: height, velocity at each apex and set-point,
 /// density, commands, events, and where a safe command was in force; the estimates of
@@ -36,7 +36,9 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     }
     // A long recording is not read for a picture that cannot be written.
     let cannot_write = || format!("cannot write {}", args.out.display());
-    atomic_file::check(&args.out).map_err(|error| unwritable(error, cannot_write()))?;
+    check_apart(&args.out, [args.recording.as_path()])
+        .and_then(|()| atomic_file::check(&args.out))
+        .map_err(|error| unwritable(error, cannot_write()))?;
     let data = PlotData::read(&args.recording, from_s..until_s).map_err(|error| {
         misuse(leg_host::cli::hint::with_hint(&error, hint::read_error(&error)))
     })?;

@@ -297,6 +297,23 @@ fn bad_input_is_refused_with_file_place_column_value_and_limit() {
     ] {
         refused(content, &[], parts);
     }
+    refused(
+        "time_s,contact,y_m\n1,0,1\n1,0,1\n0,0,1\n",
+        &["--estimator", "state"],
+        &["time_s never rises in the first 3 rows", "sort the rows"],
+    );
+    let long = "x".repeat(1_000_000);
+    for content in [format!("{long}\n0\n"), format!("time_s,contact\n0,{long}\n")] {
+        fs::write(&csv, content).unwrap();
+        let ended = estimate(&place, &["--input", text(&csv)]);
+        assert!(ended.assert(2, &["xxx… (1000", "bytes)"]).err.len() < 1_000);
+    }
+    refused(good, &["--estimator", "inertial"], &["not those of the estimator", "leg_angle_rad"]);
+    let endless = estimate(&place, &["--input", "/dev/zero"]);
+    endless.assert(2, &["/dev/zero: a row is longer than 8 MiB"]);
+    for set_point in ["nan", "-51"] {
+        refused(good, &["--set-point", set_point], &["-50 to 50 m/s", "--set-point sets it"]);
+    }
     refused(good, &["--estimator", "readings"], &["estimates nothing", "--estimator"]);
     refused(good, &["--estimator-noise", "speed=1"], &["speed=1", "--estimator-noise"]);
     refused(good, &["--gravity", "-1"], &["gravity -1 m/s2"]);
@@ -321,6 +338,58 @@ fn a_failed_export_leaves_no_file() {
     export(&file, text(&csv)).assert(2, &["no.mcap is not an MCAP file"]);
     assert!(!csv.exists());
     export(&file, "no/such/folder.csv").assert(2, &["cannot write no/such/folder.csv"]);
+}
+
+#[test]
+fn an_output_never_replaces_an_input_or_another_output() {
+    let place = Place::new();
+    exported(&place, &["--sensors", "imu"]);
+    let [mcap, csv, hops, toml, new] =
+        ["run.mcap", "run.csv", "hops.csv", "run.toml", "new"].map(|name| place.file(name));
+    fs::write(&hops, "vx,y,alpha,rs\n0,1.5,1.5,1\n").unwrap();
+    fs::write(&toml, "set_point_m_s = 0.5\n").unwrap();
+    let policy = place.policy();
+    let [mcap_, csv_, hops_, toml_, new_, policy_] =
+        [&mcap, &csv, &hops, &toml, &new, &policy].map(|path| text(path));
+    let inputs = || [&mcap, &csv, &hops, &toml, &policy].map(|path| fs::read(path).unwrap());
+    let before = inputs();
+    let log = ["estimate", "--input", csv_, "--policy", policy_];
+    let run = ["--in-process", "--duration", "0.01", "--scenario", toml_, "--policy", policy_];
+    for (program, options, more) in [
+        ("controller", &log[..], ["--output", csv_]),
+        ("controller", &log, ["--plot", csv_]),
+        ("controller", &log, ["--output", policy_]),
+        ("controller", &[&log[..], &["--plot", new_]].concat(), ["--output", new_]),
+        ("export", &[mcap_], ["--csv", mcap_]),
+        ("plot", &[mcap_], ["--out", mcap_]),
+        ("apex", &["--input", hops_], ["--output", hops_]),
+        ("run", &run, ["--record", toml_]),
+        ("run", &run, ["--record", policy_]),
+    ] {
+        let ended = place.start(program, &[options, &more].concat()).end();
+        ended.assert(2, &["cannot write", more[1], "it is the same file as"]);
+    }
+    assert!(inputs() == before && !new.exists());
+}
+
+#[test]
+fn a_recording_in_a_pipe_or_cut_off_is_refused_with_the_cause() {
+    let place = Place::new();
+    exported(&place, &["--sensors", "imu"]);
+    let pipe = place.file("pipe");
+    let made = std::process::Command::new("mkfifo").arg(&pipe).status().unwrap();
+    assert!(made.success());
+    let recording = fs::read(place.file("run.mcap")).unwrap();
+    let (to, head) = (pipe.clone(), recording[..4_096].to_vec());
+    // Fails where the reader has ended before.
+    let writer = std::thread::spawn(move || drop(fs::write(to, head)));
+    let cut = place.file("cut.mcap");
+    fs::write(&cut, &recording[..4_096]).unwrap();
+    let ended = estimate(&place, &["--input", text(&cut)]);
+    let err = &ended.assert(2, &["it has no channel", "it is cut off"]).err;
+    assert!(!err.contains("--channel"), "{err}");
+    place.start("replay", &[text(&pipe)]).end().assert(2, &["no regular file", "write it to one"]);
+    writer.join().unwrap();
 }
 
 /// The times of each run begin with 0.

@@ -6,7 +6,7 @@ use crate::config::Config;
 use crate::preset::Preset;
 use anyhow::anyhow;
 use clap::{Args, Subcommand};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -53,6 +53,11 @@ impl ConfigArguments {
         };
         let set = |config: Config, setting: &String| config.with(setting);
         self.set.iter().try_fold(config, set).map_err(|e| input(anyhow!("--set {e}")))
+    }
+
+    /// Returns the file that was chosen.
+    pub(super) fn file(&self) -> Option<&Path> {
+        self.config.as_deref()
     }
 
     /// Whether a preset or a file was chosen.

@@ -58,7 +58,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let bytes = PolicyFile::load(arguments.policy.as_deref()).map_err(input)?;
     let policy = bytes.policy().map_err(input)?;
     let target = Target { path: &arguments.file, option: "FILE" };
-    target.check()?;
+    target.check(arguments.policy.as_deref())?;
     let content = match arguments.to {
         Format::Safetensors => safetensors::export(&policy),
         Format::Onnx => onnx::export(&policy),

@@ -29,7 +29,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let policy = bytes.policy().map_err(input)?;
     let output = arguments.output.as_deref().filter(|&path| path != Path::new("-"));
     let target = output.map(|path| Target { path, option: "--output" });
-    target.iter().try_for_each(Target::check)?;
+    let inputs = || [&arguments.policy, &arguments.input].map(PathBuf::as_path);
+    target.iter().try_for_each(|target| target.check(inputs()))?;
     let from = &arguments.input;
     let source = if from == Path::new("-") {
         let mut text = Vec::new();

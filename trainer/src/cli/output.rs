@@ -3,7 +3,7 @@
 use super::{Failure, failed};
 use crate::threads::Threads;
 use anyhow::anyhow;
-use leg_process::{atomic_file, remedy, stderr};
+use leg_process::{atomic_file, check_apart, remedy, stderr};
 use rayon::ThreadPool;
 use std::fs::File;
 use std::io::{self, Write};
@@ -24,13 +24,29 @@ impl Target<'_> {
         failed(anyhow!("{path}: cannot be written: {error}{more}; {remedy}"))
     }
 
-    /// Checks before the work whether the file can be written. A path that cannot be that of a
-    /// file is bad input.
-    pub(crate) fn check(&self) -> Result<(), Failure> {
-        atomic_file::check(self.path).map_err(|error| match self.unwritten(&error, "") {
-            Failure::Run(message) if remedy::is_wrong_path(&error) => Failure::Input(message),
+    /// Checks before the work whether the file can be written, and is none of `inputs`, which it
+    /// would replace. A path that cannot be that of such a file is bad input.
+    pub(crate) fn check<'p>(
+        &self,
+        inputs: impl IntoIterator<Item = &'p Path>,
+    ) -> Result<(), Failure> {
+        self.check_apart(inputs)?;
+        atomic_file::check(self.path).map_err(|error| self.unwritable(&error))
+    }
+
+    /// Checks that the file is none of `inputs`, which it would replace.
+    pub(crate) fn check_apart<'p>(
+        &self,
+        inputs: impl IntoIterator<Item = &'p Path>,
+    ) -> Result<(), Failure> {
+        check_apart(self.path, inputs).map_err(|error| self.unwritable(&error))
+    }
+
+    fn unwritable(&self, error: &io::Error) -> Failure {
+        match self.unwritten(error, "") {
+            Failure::Run(message) if remedy::is_wrong_path(error) => Failure::Input(message),
             failure => failure,
-        })
+        }
     }
 
     /// Writes the complete file. Where that fails, the content, which may have taken hours,

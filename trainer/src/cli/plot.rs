@@ -50,7 +50,7 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let target = Target { path: &arguments.out, option: "--out" };
-    target.check()?;
+    target.check(inputs(&arguments.runs)?.iter().map(PathBuf::as_path))?;
     let groups = groups(&arguments.runs)?;
     let x_range = extent(&groups, arguments.by, arguments.zero);
     let how = Smoothing {
@@ -99,6 +99,17 @@ fn summary(curves: &[Curve], how: &Smoothing, out: &Path) -> String {
         text.push_str(&row);
     }
     text
+}
+
+/// Returns every file that is named, and every log.
+fn inputs(runs: &[String]) -> Result<Vec<PathBuf>, Failure> {
+    let mut found = Vec::new();
+    for run in runs {
+        let (_, place) = split(run)?;
+        found.push(PathBuf::from(place));
+        found.extend(logs(place)?);
+    }
+    Ok(found)
 }
 
 /// Reads every run, grouped by label, in the order of the arguments.

@@ -17,7 +17,7 @@ use clap::Args;
 use leg_control::policy::{ParseError, Policy};
 use leg_process::policy_file::{AlignedBytes, PolicyFile};
 use leg_process::{Stop, stderr};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Longest stage that the options accept.
@@ -230,6 +230,13 @@ impl Arguments {
         Ok(true)
     }
 
+    /// Checks that policy and log can be written, and do not replace the configuration.
+    fn check_outputs(&self, log: &Path) -> Result<(), Failure> {
+        let log = Target { path: log, option: "--log" };
+        log.check_apart(self.choice.file())?;
+        self.target().check(self.choice.file())
+    }
+
     fn target(&self) -> Target<'_> {
         Target { path: &self.out, option: "--out" }
     }
@@ -303,12 +310,12 @@ fn open(arguments: &Arguments) -> Result<Run, Failure> {
     };
     let run = if let Some(checkpoint) = checkpoint {
         arguments.check_agreement(&checkpoint)?;
-        arguments.target().check()?;
+        arguments.check_outputs(&logs[0])?;
         Run::resume(checkpoint, &logs, isa, &options)
     } else {
         let config = arguments.config(None)?;
         // Before the training: the output must be writable.
-        arguments.target().check()?;
+        arguments.check_outputs(&logs[0])?;
         if let Some(finished) = arguments.finished().filter(|_| !arguments.restart) {
             arguments.check_same(&finished, &config)?;
         }

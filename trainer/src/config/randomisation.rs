@@ -71,6 +71,7 @@ const fn all() -> f64 {
 /// The distribution of a randomised quantity.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "kind", deny_unknown_fields)]
+#[serde(expecting = "a distribution, such as { kind = \"uniform\", low = 0.8, high = 1.2 }")]
 pub enum Distribution {
     /// Uniform from `low` to `high`.
     Uniform {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use leg_charts::Sheet;
 use leg_process::atomic_file::{self, AtomicFile};
-use leg_process::{remedy, stdout};
+use leg_process::{check_apart, remedy, stdout};
 
 use super::log;
 use crate::estimate::chart::Builder;
@@ -122,7 +122,9 @@ impl CommandError {
     /// Returns what the user can do about the error.
     pub(super) fn hint(&self) -> Option<String> {
         Some(match self {
-            Self::Estimate(EstimateError::Log(LogError::Channel { .. })) => {
+            Self::Estimate(EstimateError::Log(LogError::Channel { channels, .. }))
+                if !channels.is_empty() =>
+            {
                 "--channel names one".to_owned()
             }
             Self::Estimate(EstimateError::Rate { .. }) => "--rate sets that of the law".to_owned(),
@@ -132,6 +134,7 @@ impl CommandError {
             Self::Estimate(EstimateError::Law(error)) => {
                 format!("{} sets it", super::hint::law_option(error.key))
             }
+            Self::Estimate(EstimateError::SetPoint { .. }) => "--set-point sets it".to_owned(),
             Self::Estimate(EstimateError::Readings) => "--estimator names it".to_owned(),
             _ => return None,
         })
@@ -162,7 +165,12 @@ pub(super) fn run(args: &Args) -> Result<(), CommandError> {
         move |cause| CommandError::Write { path, cause }
     };
     // A long log is not read for files that cannot be written.
+    let others = || policy.iter().chain([input]).map(PathBuf::as_path);
+    if let Some(path) = output {
+        check_apart(path, others()).map_err(writing(path))?;
+    }
     if let Some(path) = plot {
+        check_apart(path, others().chain(output.as_deref())).map_err(writing(path))?;
         atomic_file::check(path).map_err(writing(path))?;
     }
     let table = match output {

@@ -1,19 +1,39 @@
 //! The rows of a CSV file.
 
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{self, BufReader, Read};
 use std::path::{Path, PathBuf};
 
 use csv::StringRecord;
 
 use super::column::Column;
 use super::log::LogError;
-use super::row::Row;
+use super::row::{Row, shown};
+
+/// Longest row, bytes; what is longer, as an endless device, is no log.
+const MOST_BYTES: usize = 1 << 23;
+
+/// A file of which no more is read than a row may be long, until the next row begins.
+struct Limited {
+    file: BufReader<File>,
+    left: usize,
+}
+
+impl Read for Limited {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        let read = self.file.read(into)?;
+        self.left = self.left.checked_sub(read).ok_or_else(|| {
+            let what = format!("a row is longer than {} MiB; is this a log?", MOST_BYTES >> 20);
+            io::Error::new(io::ErrorKind::InvalidData, what)
+        })?;
+        Ok(read)
+    }
+}
 
 /// The rows of a CSV file.
 pub(super) struct CsvRows {
     path: PathBuf,
-    reader: csv::Reader<BufReader<File>>,
+    reader: csv::Reader<Limited>,
     /// The column at each place.
     places: Vec<Option<Column>>,
     /// Names that are none of a column.
@@ -24,8 +44,10 @@ pub(super) struct CsvRows {
 impl CsvRows {
     /// Reads the header.
     pub(super) fn open(path: &Path, file: BufReader<File>) -> Result<Self, LogError> {
-        let mut reader =
-            csv::ReaderBuilder::new().flexible(true).trim(csv::Trim::All).from_reader(file);
+        let mut reader = csv::ReaderBuilder::new()
+            .flexible(true)
+            .trim(csv::Trim::All)
+            .from_reader(Limited { file, left: MOST_BYTES });
         let csv = |cause| LogError::Csv { path: path.to_owned(), cause };
         let header = reader.headers().map_err(csv)?.clone();
         let names: Vec<&str> =
@@ -39,7 +61,10 @@ impl CsvRows {
         }
         if !places.contains(&Some(Column::Time)) {
             let time = Column::Time.name();
-            return Err(error(format!("line 1 has no column {time}: `{}`", names.join(","))));
+            return Err(error(format!(
+                "line 1 has no column {time}: `{}`",
+                shown(&names.join(","))
+            )));
         }
         let unknown = names.iter().zip(&places).filter(|(_, place)| place.is_none());
         let unknown = unknown.map(|(name, _)| format!("`{name}`")).collect();
@@ -56,6 +81,7 @@ impl CsvRows {
     pub(super) fn next_row(&mut self) -> Result<Option<Row>, LogError> {
         let Self { path, reader, places, record, .. } = self;
         let csv = |cause| LogError::Csv { path: path.clone(), cause };
+        reader.get_mut().left = MOST_BYTES;
         if !reader.read_record(record).map_err(csv)? {
             return Ok(None);
         }

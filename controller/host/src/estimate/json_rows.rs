@@ -8,7 +8,7 @@ use serde_json::{Map, Value};
 
 use super::column::Column;
 use super::log::LogError;
-use super::row::Row;
+use super::row::{Row, shown};
 
 /// The messages in JSON of a topic.
 pub(super) struct JsonRows {
@@ -37,7 +37,7 @@ impl JsonRows {
                 path: path.clone(),
                 topic: topic.clone(),
                 number: *number,
-                cause: cause.to_string(),
+                cause: shown(&cause.to_string()),
             })?;
         let place = || format!("message {number} of {topic}");
         // Without a time of its own a message has that of the log.

@@ -12,7 +12,7 @@ use leg_recording::schema::Channel;
 use super::column::Column;
 use super::csv_rows::CsvRows;
 use super::json_rows::JsonRows;
-use super::row::{CellError, Row};
+use super::row::{CellError, Row, shown};
 use crate::law::EstimatorKind;
 
 /// Rows from which columns and rate are found out.
@@ -67,12 +67,14 @@ pub enum LogError {
         what: String,
     },
     /// The MCAP file has no such channel, or several.
-    #[error("{}: {what}; it has {}", path.display(), list(channels))]
+    #[error("{}: {what}; it has {}{flaw}", path.display(), list(channels))]
     Channel {
         /// The file.
         path: PathBuf,
         /// What is wrong.
         what: String,
+        /// Whether the file is cut off or damaged, as an addition to the sentence.
+        flaw: String,
         /// Its topics, with the encoding of their messages.
         channels: Vec<String>,
     },
@@ -138,10 +140,11 @@ pub(super) fn open(path: &Path, channel: Option<&str>) -> Result<Kind, LogError>
 
 /// Returns the topic with JSON messages of an MCAP file; none of a recording.
 fn topic(path: &Path, wanted: Option<&str>) -> Result<Option<String>, LogError> {
-    let found = other::encodings(path)?;
-    let error = |what| LogError::Channel {
+    let (found, flaw) = other::encodings(path)?;
+    let error = |what: String| LogError::Channel {
         path: path.to_owned(),
         what,
+        flaw: flaw.as_ref().map_or_else(String::new, |flaw| format!("; {flaw}")),
         channels: found.iter().map(|(topic, how)| format!("{topic} ({how})")).collect(),
     };
     let ours = Channel::Sample.topic();
@@ -246,6 +249,39 @@ impl Log {
         }
     }
 
+    /// Checks that an estimator can do with the columns.
+    pub(super) fn check_estimator(&self, estimator: EstimatorKind) -> Result<(), LogError> {
+        let any = |columns: &[Column]| columns.iter().any(|column| self.has(&[*column]));
+        let (is_enough, needed) = match estimator {
+            EstimatorKind::State => {
+                (any(&[Column::Vx, Column::Y, Column::Vy]), "vx_m_s, y_m and vy_m_s")
+            }
+            EstimatorKind::Inertial => (
+                any(&[Column::ForceX, Column::ImpulseX])
+                    || self.has(&[Column::LegLength, Column::LegAngle]),
+                "an accelerometer or leg_length_m and leg_angle_rad",
+            ),
+            EstimatorKind::Readings => (true, ""),
+        };
+        if is_enough {
+            return Ok(());
+        }
+        let what =
+            format!("its columns are not those of the estimator chosen, which needs {needed}");
+        Err(LogError::Columns { path: self.path.clone(), what })
+    }
+
+    /// Checks that the time rises anywhere in the first rows.
+    pub(super) fn check_time(&self) -> Result<(), LogError> {
+        let rows = self.first.len();
+        if rows < 2 || self.rate_hz().is_some() {
+            return Ok(());
+        }
+        let time = Column::Time.name();
+        let what = format!("{time} never rises in the first {rows} rows; sort the rows by it");
+        Err(LogError::Columns { path: self.path.clone(), what })
+    }
+
     /// Returns the rows a second, by the median time between the first.
     pub(super) fn rate_hz(&self) -> Option<f64> {
         let times = self.first.iter().zip(self.first.iter().skip(1));
@@ -275,7 +311,7 @@ impl Log {
         };
         let path = self.path.display();
         let unused = (!unknown.is_empty())
-            .then(|| format!("{path}: these columns are not used: {}", unknown.join(", ")));
+            .then(|| format!("{path}: these columns are not used: {}", shown(&unknown.join(", "))));
         let flaw = match &self.rows {
             Rows::Csv(_) => None,
             Rows::Json(json) => json.reader.warning(),

@@ -173,6 +173,19 @@ impl Report {
         self.nis = self.of_all.get();
         self.errors = Errors::of(&self.apexes);
         self.warnings = warnings;
+        let path = self.input.display();
+        if let refused @ 1.. = counts.set_points_refused {
+            self.warnings.push(format!(
+                "{path}: {refused} set-points are out of range; the last good one was held"
+            ));
+        }
+        let rejected: u64 = self.rejected.iter().map(|(_, count)| u64::from(*count)).sum();
+        if rejected >= self.rows {
+            self.warnings.push(format!(
+                "{path}: no row could be used; its readings are not those of the estimator, or \
+                 not in the units of the columns"
+            ));
+        }
     }
 }
 

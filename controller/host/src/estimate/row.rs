@@ -12,6 +12,17 @@ const MOST_AGE_S: f64 = 4.0;
 const MOST_TIME_S: i128 = 6_400_000_000;
 const NS_PER_S: i128 = 1_000_000_000;
 
+/// Longest part of a file that a message repeats, characters.
+const MOST_SHOWN: usize = 200;
+
+/// Returns a text from a file for a message: a long one only up to its first characters.
+pub(super) fn shown(text: &str) -> String {
+    match text.char_indices().nth(MOST_SHOWN) {
+        Some((end, _)) => format!("{}… ({} bytes)", &text[..end], text.len()),
+        None => text.to_owned(),
+    }
+}
+
 /// A cell that cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{}, {place}, column {}: `{value}`; it must be {limit}", path.display(), column.name())]
@@ -73,7 +84,7 @@ impl Row {
             path: path.to_owned(),
             place: place(),
             column,
-            value: text.to_owned(),
+            value: shown(text),
             limit: limit.to_owned(),
         };
         let within = |x: f64| (x.abs() <= MOST).then_some(x);

@@ -59,7 +59,7 @@ pub enum EstimateError {
     #[error(transparent)]
     Config(#[from] ConfigError),
     /// The rate of the log is none at which the law runs.
-    #[error("{}: its rows are {rate_hz:.3} a second by the median of their times; {cause}", path.display())]
+    #[error("{}: its rows are {rate_hz:.3} a second by the median of their times, if these are in seconds; {cause}", path.display())]
     Rate {
         /// The log.
         path: PathBuf,
@@ -67,6 +67,14 @@ pub enum EstimateError {
         rate_hz: f64,
         /// The limits.
         cause: ConfigError,
+    },
+    /// The set-point is none that the law accepts.
+    #[error("set-point {m_s} m/s: choose one from -{limit_m_s} to {limit_m_s} m/s")]
+    SetPoint {
+        /// The set-point, m/s.
+        m_s: f32,
+        /// Largest magnitude, m/s.
+        limit_m_s: f32,
     },
     /// The law takes its readings for the state.
     #[error(
@@ -152,10 +160,12 @@ fn of_rows<E: From<EstimateError>>(
 ) -> Result<Report, E> {
     let prepare = || -> Result<_, EstimateError> {
         let usual = SessionParams::default();
+        log.check_time()?;
         let rate_hz = log.rate_hz().unwrap_or(f64::from(usual.rate_hz));
         // The noise may be stated without the estimator's name.
         let kind = choices.law.estimator.or(log.estimator());
         let kind = kind.ok_or_else(|| EstimateError::TooFew(path.to_owned()))?;
+        log.check_estimator(kind)?;
         let law = LawSettings { estimator: Some(kind), ..choices.law.clone() };
         let of_log = SessionParams { rate_hz: rate_hz.round() as u32, ..usual };
         let params = params(of_log, &Choices { law, ..choices.clone() })?;
@@ -165,6 +175,11 @@ fn of_rows<E: From<EstimateError>>(
             }
             cause => cause.into(),
         })?;
+        let (m_s, limit_m_s) = (choices.set_point_m_s, config.limits().max_speed_m_s);
+        let is_usable = m_s.abs() <= limit_m_s;
+        if !is_usable {
+            return Err(EstimateError::SetPoint { m_s, limit_m_s });
+        }
         let policy = PolicyFile::load(choices.policy.as_deref())?;
         Ok((params, config, policy))
     };

@@ -41,8 +41,12 @@ impl Records {
     /// # Errors
     /// [`ReadError`] if the file is not an MCAP file.
     pub(crate) fn open(path: &Path) -> Result<(Self, String), ReadError> {
-        let file =
-            File::open(path).map_err(|cause| ReadError::Io { path: path.to_owned(), cause })?;
+        let io = |cause| ReadError::Io { path: path.to_owned(), cause };
+        let file = File::open(path).map_err(io)?;
+        let kind = file.metadata().map_err(io)?.file_type();
+        if !kind.is_file() && !kind.is_dir() {
+            return Err(ReadError::NotRegular(path.to_owned()));
+        }
         let options = LinearReaderOptions::default()
             .with_emit_chunks(true)
             .with_check_finishes_after_end_magic(true)

@@ -165,6 +165,11 @@ impl Arguments {
         paths.into_iter().flatten().next().expect("the group is required")
     }
 
+    /// Returns every file that is read.
+    pub(super) fn inputs(&self) -> impl Iterator<Item = &Path> {
+        std::iter::once(self.path()).chain(self.check.as_deref())
+    }
+
     /// Returns the values that the options state.
     pub(super) fn given(&self) -> ImportOptions {
         ImportOptions {

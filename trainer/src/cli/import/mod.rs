@@ -46,7 +46,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let checked = checked.transpose()?;
     let target = Target { path: &arguments.out, option: "--out" };
     // Before the search: the output must be writable, and the controller must accept the actor.
-    target.check()?;
+    target.check(arguments.inputs())?;
     let (policy, gains) = if let Some(mut card) = imported.card.clone() {
         card.name = name(&card.name)?;
         if let Some(gains) = arguments.gains() {
