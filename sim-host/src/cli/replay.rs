@@ -12,7 +12,9 @@ use crate::replay::{self, ReplayError};
 
 /// Feeds the samples of a recording to a controller and compares its commands, and its
 /// estimates where they are recorded, with the recorded ones bit for bit. Exit status 0 if
-/// all are equal, 1 if one differs or a part could not be compared.
+/// all are equal, 1 if one differs or, for a part, it cannot be told: in real time a recording
+/// does not show which samples the controller received. The result then names the gap, in JSON
+/// as `not_compared`, and `equal` stays true.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// Recording made by `sim-host run --record`.

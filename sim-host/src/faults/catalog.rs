@@ -310,7 +310,9 @@ pub(super) fn names() -> String {
 pub fn help() -> String {
     let mut text = String::from(
         "Usage: --fault KIND=VALUE[,KEY=VALUE...]; repeat it for several faults. In a scenario file,\n\
-         write one [[fault]] table per fault with the same names. Faults act in the order given.\n\n",
+         write one [[fault]] table per fault with the same names. Faults of sensors\n\
+         act on a sample before it is sent, those of messages on its way; otherwise they act in\n\
+         the order given.\n\n",
     );
     let mut last = "";
     for row in &TABLE {

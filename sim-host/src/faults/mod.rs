@@ -145,14 +145,32 @@ impl Faults {
         self.all.is_empty()
     }
 
-    /// Creates the stages of the faults of messages, sensors and actuators. Nothing is drawn yet.
+    /// Creates the stages of the faults of sensors, which act on each sample before it is sent.
+    /// Nothing is drawn yet.
+    #[must_use]
+    pub fn of_sensors(&self) -> FaultPipeline<leg_control::wire::Sample> {
+        let mut stages = FaultPipeline::default();
+        for (id, fault) in self.all.iter().enumerate() {
+            if let FaultEffect::Sensor { fault, window } = fault.effect {
+                stages.push(id, window, fault.stage(self.rng(id, 0)));
+            }
+        }
+        stages
+    }
+
+    /// Creates the random sequence of a fault for samples (`lane` 0) or commands (1).
+    fn rng(&self, id: usize, lane: u64) -> FaultRng {
+        FaultRng::new(self.seed, 2 * id as u64 + lane)
+    }
+
+    /// Creates the stages of the faults of the link: those of messages and of actuators. Nothing
+    /// is drawn yet.
     #[must_use]
     pub fn plan(&self) -> FaultPlan {
         let mut plan = FaultPlan::default();
         let tick_s = 1.0 / f64::from(self.rate_hz.max(1));
         for (id, fault) in self.all.iter().enumerate() {
-            // Each fault has two random sequences, for samples and for commands.
-            let rng = |lane: u64| FaultRng::new(self.seed, 2 * id as u64 + lane);
+            let rng = |lane| self.rng(id, lane);
             match fault.effect {
                 FaultEffect::Message { direction, fault, window } => {
                     if direction != Direction::Commands {
@@ -162,13 +180,11 @@ impl Faults {
                         fault.push_to(&mut plan.commands, id, window, rng(1));
                     }
                 }
-                FaultEffect::Sensor { fault, window } => {
-                    plan.samples.push(id, window, fault.stage(rng(0)));
-                }
                 FaultEffect::Actuator { fault, window } => {
                     plan.commands.push(id, window, fault.stage(tick_s));
                 }
-                FaultEffect::Mass(_)
+                FaultEffect::Sensor { .. }
+                | FaultEffect::Mass(_)
                 | FaultEffect::Stiffness(_)
                 | FaultEffect::Damping(_)
                 | FaultEffect::FootMass(_)
@@ -231,8 +247,13 @@ impl Faults {
         self.all.iter().any(|fault| matches!(fault.effect, FaultEffect::Medium { .. }))
     }
 
-    /// Returns the count of each fault. Faults on the link are 0 until [`add_counts`].
-    pub(crate) fn counts(&self, world: &WorldCounts) -> Vec<FaultCount> {
+    /// Returns the count of each fault, those of sensors from their stages. Faults on the link are
+    /// 0 until [`add_counts`].
+    pub(crate) fn counts(
+        &self,
+        world: &WorldCounts,
+        sensors: &FaultPipeline<leg_control::wire::Sample>,
+    ) -> Vec<FaultCount> {
         let count = |(id, fault): (usize, &Fault)| FaultCount {
             fault: fault.setting.to_string(),
             touched: match fault.effect {
@@ -244,7 +265,7 @@ impl Faults {
                 | FaultEffect::DriveForce(_) => world.ticks,
                 FaultEffect::Ground(_) => world.uneven_touchdowns,
                 FaultEffect::Medium { .. } => world.medium_ticks.get(id).copied().unwrap_or(0),
-                _ => 0,
+                _ => sensors.count(id),
             },
             counted: fault.setting.kind.counted(),
         };

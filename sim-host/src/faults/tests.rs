@@ -180,16 +180,14 @@ fn faults_reach_the_readings_of_an_inertial_sensor() {
     let imu = |fault: &str| {
         let run = scenario(&format!("{SHORT}sensors = \"underwater\"\n[[fault]]\n{fault}"));
         let mut readings = Vec::new();
-        let plan = std::cell::RefCell::new(run.faults.plan());
-        with_policy(|mut controller| {
+        let outcome = with_policy(|mut controller| {
             let law = |sample: Option<&_>| controller.tick(sample);
             stepped::run(&run, law, Options::default(), |tick| {
-                readings.push(plan.borrow_mut().samples.pass(tick.seq, Some(*tick.sample)));
+                readings.push(*tick.sample);
             })
         })
         .unwrap();
-        let count = plan.borrow().count(0);
-        (readings, count)
+        (readings, outcome.faults[0].touched)
     };
     let untouched = imu("noise = 0.0\nfield = \"pitch\"\nfrom = 50").0;
     for fault in ["leg-angle", "acceleration", "pitch", "pitch-rate", "pressure"] {
@@ -284,4 +282,27 @@ fn the_leg_follows_the_ground_and_the_medium_of_its_place() {
         .unwrap()
     });
     assert!(touchdowns > 2, "{touchdowns}");
+}
+
+/// Regression: observers, and so recordings, had the samples from before the faults.
+#[test]
+fn observers_see_the_samples_that_the_controller_receives() {
+    let faults = ["noise = 0.05", "bias = 0.1\nfield = \"y\"", "stuck = 20\nfield = \"vy\""];
+    let faults = faults.map(|fault| format!("[[fault]]\n{fault}\n")).concat();
+    let run = scenario(&format!("{SHORT}{faults}"));
+    let (mut received, mut seen, mut errors) = (Vec::new(), Vec::new(), Vec::new());
+    with_policy(|mut controller| {
+        let law = |sample: Option<&leg_control::wire::Sample>| {
+            received.extend(sample.copied());
+            controller.tick(sample)
+        };
+        stepped::run(&run, law, Options::default(), |tick| {
+            seen.push(*tick.sample);
+            errors.push(f64::from(tick.sample.vx_m_s) - tick.body.vx_m_s);
+        })
+    })
+    .unwrap();
+    assert!(seen == received && seen.len() == 6000, "{}", seen.len());
+    let deviation = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
+    assert!((0.047..0.053).contains(&deviation), "{deviation}");
 }

@@ -37,10 +37,28 @@ const MAX_PLACEMENTS: usize = 256;
 pub(super) enum Divergence {
     /// The commands differ.
     Different(Difference),
-    /// No kept state explains the command, but states were discarded before.
-    TooManyCandidates,
+    /// No kept state explains the command, but not every possible one was tried: those of this
+    /// gap were not.
+    Unknown(Gap),
     /// The controller received a policy that the recording does not contain.
     NoPolicy { seq: u64 },
+}
+
+/// Samples of which not every set was tried that the controller may have received.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Gap {
+    /// Number of samples without a command; 0 if the ticks without a sample were too many.
+    pub(super) unanswered: usize,
+    /// Ticks of the first of these samples and of the answer after them.
+    pub(super) ticks: [u64; 2],
+}
+
+impl Gap {
+    fn before(answer: &Answer) -> Self {
+        let last = answer.sample.header.seq;
+        let first = answer.unanswered.first().map_or(last, |sample| sample.header.seq);
+        Self { unanswered: answer.unanswered.len(), ticks: [first, last] }
+    }
 }
 
 /// What the controller did before an answer.
@@ -60,8 +78,8 @@ pub(super) struct ReplayController<'a> {
     candidates: Vec<WireController<'a>>,
     swaps: VecDeque<Swap<'a>>,
     set_points: SetPoints,
-    /// Some states were discarded.
-    is_pruned: bool,
+    /// The longest gap at which some states were not tried or discarded.
+    cut: Option<Gap>,
 }
 
 impl<'a> ReplayController<'a> {
@@ -70,7 +88,7 @@ impl<'a> ReplayController<'a> {
         swaps: VecDeque<Swap<'a>>,
         set_points: SetPoints,
     ) -> Self {
-        Self { candidates: vec![fresh.clone()], fresh, swaps, set_points, is_pruned: false }
+        Self { candidates: vec![fresh.clone()], fresh, swaps, set_points, cut: None }
     }
 
     /// Returns the command of a controller that received every sample.
@@ -98,29 +116,31 @@ impl<'a> ReplayController<'a> {
         let mut first_difference = None;
         let mut next = Vec::new();
         // Not every set of more samples is tried.
-        self.is_pruned |= answer.unanswered.len() > MAX_ALL_SUBSETS;
+        let mut is_cut = answer.unanswered.len() > MAX_ALL_SUBSETS;
         let mut tries = 0;
         'all: for controller in &self.candidates {
             for received in plausible_subsets(&answer.unanswered) {
                 let found = explanations(controller, &self.set_points, &received, answer);
                 next.extend(found.after);
                 tries += found.tries;
-                self.is_pruned |= !found.is_complete;
+                is_cut |= !found.is_complete;
                 first_difference = first_difference.or(found.difference);
                 if next.len() > MAX_CANDIDATES || tries > MAX_TRIES {
                     next.truncate(MAX_CANDIDATES);
-                    self.is_pruned = true;
+                    is_cut = true;
                     break 'all;
                 }
             }
         }
+        if is_cut {
+            let gap = Gap::before(answer);
+            self.cut = self.cut.filter(|cut| cut.unanswered > gap.unanswered).or(Some(gap));
+        }
         let mut continuity = Continuity::Continued;
         if let (Some(first_difference), true) = (first_difference, next.is_empty()) {
-            next.push(self.restarted(answer).ok_or(if self.is_pruned {
-                Divergence::TooManyCandidates
-            } else {
-                Divergence::Different(first_difference)
-            })?);
+            let divergence =
+                self.cut.map_or(Divergence::Different(first_difference), Divergence::Unknown);
+            next.push(self.restarted(answer).ok_or(divergence)?);
             continuity = Continuity::Restarted;
         }
         self.candidates = next;
@@ -161,8 +181,11 @@ struct Explanations<'a> {
 }
 
 /// Returns the controllers after they received these samples and then the answered one, with as
-/// many ticks without a sample as the count of rejected ticks requires, wherever these may have
+/// many ticks without a sample as the count of rejected ticks allows, wherever these may have
 /// been. In lock-step there are none.
+///
+/// A sample that is rejected, as the first one after a long gap may be, need not be if there were
+/// ticks without a sample before it: it and such a tick count the same.
 fn explanations<'a>(
     controller: &WireController<'a>,
     set_points: &SetPoints,
@@ -189,20 +212,32 @@ fn explanations<'a>(
         (controller, replayed)
     };
     let places = received.len() + 2;
-    let (after, replayed) = play(&vec![0; places]);
-    let Some(found) = difference(&answer.command, &replayed) else {
-        return Explanations { after: vec![after], tries: 1, is_complete: true, difference: None };
+    let (first, replayed) = play(&vec![0; places]);
+    let found = difference(&answer.command, &replayed);
+    let mut explanations = Explanations {
+        after: if found.is_none() { vec![first] } else { Vec::new() },
+        tries: 1,
+        is_complete: true,
+        difference: found,
     };
-    let ticks = answer.command.rejected.saturating_sub(replayed.rejected);
-    let (placements, is_complete) = placements(ticks, places);
-    let after = placements
-        .iter()
-        .map(|empty| play(empty))
-        .filter(|(_, replayed)| difference(&answer.command, replayed).is_none())
-        .map(|(after, _)| after)
-        .collect();
-    let tries = 1 + placements.len();
-    Explanations { after, tries, is_complete, difference: Some(found) }
+    let recorded = answer.command.rejected;
+    let fewest = recorded.saturating_sub(replayed.rejected);
+    // A run that begins counts anew.
+    let of_samples = replayed.rejected.saturating_sub(controller.counts().rejected());
+    let most = fewest + of_samples.min(recorded.saturating_sub(fewest));
+    for ticks in fewest.max(1)..=most {
+        let (placements, is_complete) = placements(ticks, places);
+        explanations.tries += placements.len();
+        explanations.is_complete &= is_complete;
+        let played = placements.iter().map(|empty| play(empty));
+        let same = played.filter(|(_, replayed)| difference(&answer.command, replayed).is_none());
+        explanations.after.extend(same.map(|(after, _)| after));
+        if explanations.tries > MAX_TRIES {
+            explanations.is_complete = false;
+            break;
+        }
+    }
+    explanations
 }
 
 /// Returns the ways to distribute `ticks`, above 0, over `places`, and whether these are all:
@@ -326,6 +361,69 @@ mod tests {
             }
             assert!(!recorded.tick(Some(&falling(50))).is_safe(), "it has left the safe state");
         }
+    }
+
+    /// A sample after a long gap is rejected, or not, by what the controller ticked in the gap, so
+    /// the count of rejected ticks does not tell how many of them had no sample.
+    #[test]
+    fn follows_any_number_of_ticks_without_a_sample_in_a_gap_of_any_length() {
+        let config = Config::at_rate(1000).unwrap();
+        let fresh = || WireController::new(Policy::parse(SHIPPED).unwrap(), config);
+        let answer = |recorded: &mut WireController<'_>, seq, unanswered| {
+            let sample = falling(seq);
+            Answer { sample, unanswered, command: recorded.tick(Some(&sample)), gap: None }
+        };
+        for gap in [0, 1, 4, 9, 10, 19, 20, 21, 40] {
+            for empty in 0..=gap.min(25) {
+                let mut recorded = fresh();
+                let mut replayed =
+                    ReplayController::new(fresh(), VecDeque::new(), SetPoints::default());
+                for seq in 0..20 {
+                    replayed.follow(&answer(&mut recorded, seq, Vec::new())).unwrap();
+                }
+                (0..empty).for_each(|_| _ = recorded.tick(None));
+                let after = 20 + gap;
+                let first = answer(&mut recorded, after, (20..after).map(falling).collect());
+                replayed.follow(&first).unwrap();
+                for seq in after + 1..after + 30 {
+                    let followed = replayed.follow(&answer(&mut recorded, seq, Vec::new()));
+                    let is_followed = matches!(followed, Ok(Continuity::Continued));
+                    assert!(is_followed, "{empty} of {gap}, tick {seq}: {followed:?}");
+                }
+            }
+        }
+    }
+
+    /// Of ten samples only prefixes and suffixes are tried, and the controller received others.
+    #[test]
+    fn names_the_gap_of_which_it_has_not_tried_every_set_of_samples() {
+        let config = Config::at_rate(1000).unwrap();
+        let fresh = || WireController::new(Policy::parse(SHIPPED).unwrap(), config);
+        let mut recorded = fresh();
+        let mut replayed = ReplayController::new(fresh(), VecDeque::new(), SetPoints::default());
+        let mut answer = |seq, unanswered: Vec<Sample>, received: &[u64]| {
+            for seq in received {
+                recorded.tick(Some(&falling(*seq)));
+            }
+            let sample = falling(seq);
+            Answer { sample, unanswered, command: recorded.tick(Some(&sample)), gap: None }
+        };
+        for seq in 0..100 {
+            replayed.follow(&answer(seq, Vec::new(), &[])).unwrap();
+        }
+        // A command that no set explains, as one after samples in the middle may be.
+        let mut different = answer(110, (100..110).map(falling).collect(), &[103, 105]);
+        different.command.leg_angle_rad += 0.1;
+        let unknown = replayed.follow(&different);
+        let gap = Gap { unanswered: 10, ticks: [100, 110] };
+        assert!(matches!(unknown, Err(Divergence::Unknown(found)) if found == gap), "{unknown:?}");
+        // Where every set was tried, it is certain.
+        let mut replayed = ReplayController::new(fresh(), VecDeque::new(), SetPoints::default());
+        let mut first = Answer { unanswered: Vec::new(), ..different };
+        first.sample = falling(0);
+        first.command.header = first.sample.header;
+        let different = replayed.follow(&first);
+        assert!(matches!(different, Err(Divergence::Different(_))), "{different:?}");
     }
 
     #[test]

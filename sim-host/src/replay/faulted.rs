@@ -1,6 +1,6 @@
 //! Replays a run in lock-step whose link had faults.
 //!
-//! The recorded samples are those of the leg, and a fault changed them on their way. Faults are
+//! The recorded samples are those that the leg sent, and a fault changed them on their way. Faults are
 //! the same for the same seed, so they are injected anew: the controller under replay receives
 //! what the recorded one received, and its commands arrive as they did.
 
@@ -47,8 +47,7 @@ impl Faulted {
         let Some(law) = contents.laws.first().filter(|_| time_mode == LOCK_STEP) else {
             return Ok(None);
         };
-        let plan = plan(contents)?.filter(|plan| !plan.is_empty());
-        Ok(plan.map(|plan| Self { plan, stepped: law.stepped }))
+        Ok(link_faults(contents.config()?).map(|plan| Self { plan, stepped: law.stepped }))
     }
 
     /// Plays the recorded samples to `controller` and compares its commands, of another policy if
@@ -96,12 +95,12 @@ impl Faulted {
     }
 }
 
-/// Returns the faults of a recording's link, from the start of the run; `None` if its scenario is
-/// not valid here.
-fn plan(contents: &Contents) -> Result<Option<FaultPlan>, ReadError> {
-    let settings = Settings::from_toml(&contents.config()?.scenario_toml).ok();
-    let scenario = settings.and_then(|settings| Scenario::from_settings(&settings).ok());
-    Ok(scenario.map(|scenario| scenario.faults.plan()))
+/// Returns the faults of a recording's link, from the start of the run; `None` if there are none
+/// or its scenario is not valid here.
+pub(super) fn link_faults(config: &schema::Config) -> Option<FaultPlan> {
+    let settings = Settings::from_toml(&config.scenario_toml).ok()?;
+    let plan = Scenario::from_settings(&settings).ok()?.faults.plan();
+    (!plan.is_empty()).then_some(plan)
 }
 
 /// Sends each recorded sample and compares the command that comes back with the recorded one.

@@ -26,7 +26,7 @@ use crate::record::read::ReadError;
 use crate::record::schema::Channel;
 
 pub use compare::{Difference, difference};
-use controller::{Divergence, ReplayController};
+use controller::{Divergence, Gap, ReplayController};
 use faulted::{Faulted, Recorded};
 pub use report::{ApexComparison, ReplayReport};
 pub use source::{Answer, Source};
@@ -152,6 +152,7 @@ fn follow(
     observe: Observe<'_>,
 ) -> Result<(), ReadError> {
     let mut source = Source::open(contents)?;
+    let has_link_faults = faulted::link_faults(contents.config()?).is_some();
     while let Some(answer) = source.next_answer()? {
         if let Some(why) = &answer.gap {
             report.stop(why.clone());
@@ -170,14 +171,26 @@ fn follow(
                     observe((header.run_id, header.seq), estimate);
                 }
             }
+            // Faults on the link that are not injected anew may have caused it.
+            Err(Divergence::Different(_)) if has_link_faults => {
+                report.stop(format!(
+                    "at tick {} it cannot be told whether the command would be the same: faults \
+                     were injected on the link of the run, and what they changed is not in the \
+                     recording",
+                    answer.command.header.seq
+                ));
+                break;
+            }
             Err(Divergence::Different(difference)) => {
                 report.add_different(&answer, difference);
                 break;
             }
-            Err(Divergence::TooManyCandidates) => {
+            Err(Divergence::Unknown(Gap { unanswered, ticks: [first, last] })) => {
                 report.stop(format!(
-                    "by tick {} so many samples had no command that it cannot be determined \
-                     which of them the controller received",
+                    "at tick {} it cannot be told whether the command would be the same: which of \
+                     the {unanswered} samples without a command before tick {last}, from tick \
+                     {first} on, the controller received, and when, has too many possibilities to \
+                     try them all",
                     answer.command.header.seq
                 ));
                 break;

@@ -8,11 +8,11 @@ use serde::Serialize;
 
 use super::compare::{Difference, difference};
 use super::controller::Continuity;
+use super::faulted;
 use super::source::Answer;
 use crate::record::contents::Contents;
 use crate::record::read::ReadError;
 use crate::record::schema::Config;
-use crate::scenario::Settings;
 
 /// Most apexes in the text table.
 const MAX_TABLE_APEXES: usize = 12;
@@ -179,12 +179,11 @@ impl ReplayReport {
     }
 }
 
-/// Returns a warning if faults were injected into the run.
+/// Returns a warning if faults were injected on the link of the run.
 fn fault_warning(config: &Config) -> Option<String> {
-    let settings = Settings::from_toml(&config.scenario_toml).ok()?;
-    (!settings.faults.is_empty()).then(|| {
-        "faults were injected into the run; if they affected the link, the controller may have \
-         received other samples than the recorded ones"
+    faulted::link_faults(config).map(|_| {
+        "faults were injected on the link of the run, so the controller may have received other \
+         samples than the recorded ones, and the leg other commands than it sent"
             .to_owned()
     })
 }

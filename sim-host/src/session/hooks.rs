@@ -13,7 +13,7 @@ pub trait Hooks {
     fn ends(&mut self) -> bool {
         false
     }
-    /// Called before each tick; may change the leg's set-point.
+    /// Called before each sample is sent; may change the leg's set-point.
     fn steer(&mut self, _leg: &mut Leg<'_>) {}
     /// Called after each tick.
     fn observe(&mut self, _tick: &TickRecord<'_>) {}

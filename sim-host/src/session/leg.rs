@@ -9,6 +9,7 @@ use super::command_hold::CommandHold;
 use super::hash::StateHash;
 use super::outcome::{Ending, Outcome};
 use super::timing::RoundTrips;
+use crate::faults::stage::FaultPipeline;
 use crate::faults::{Terrain, WorldCounts};
 use crate::scenario::{DensitySense, Scenario, SetPointCursor};
 use crate::sensors::{SensorModels, Truth};
@@ -63,6 +64,7 @@ pub struct Leg<'a> {
     world: WorldCounts,
     hold: CommandHold,
     sensors: SensorModels,
+    sensor_faults: FaultPipeline<Sample>,
     /// Angle of the last command, which the leg holds in flight.
     held_angle_rad: f64,
     seq: u64,
@@ -97,6 +99,7 @@ impl<'a> Leg<'a> {
                 scenario.stale_limit_ns,
             ),
             sensors: SensorModels::new(&scenario.sensors, scenario.rate_hz, scenario.seed),
+            sensor_faults: scenario.faults.of_sensors(),
             held_angle_rad: SAFE_ANGLE_RAD,
             seq: 0,
             earlier_ticks: 0,
@@ -131,7 +134,7 @@ impl<'a> Leg<'a> {
         self.plant.body()
     }
 
-    /// Returns the sensor readings at the start of the next tick.
+    /// Returns the sensor readings at the start of the next tick, with the faults of sensors.
     #[must_use]
     pub fn sample(&self) -> &Sample {
         &self.sample
@@ -280,7 +283,7 @@ impl<'a> Leg<'a> {
             rejected: self.rejected,
             foreign_commands: self.hold.refused,
             state_hash: self.hash.value(),
-            faults: self.scenario.faults.counts(&self.world),
+            faults: self.scenario.faults.counts(&self.world, &self.sensor_faults),
             round_trips,
         }
     }
@@ -340,7 +343,14 @@ impl<'a> Leg<'a> {
             sample.header.flags |= flags::DENSITY_SENSED;
             sample.density_ratio = self.medium.density_ratio() as f32;
         }
-        self.sample = self.sensors.sent(sample);
+        let sample = self.sensors.sent(sample);
+        // Where the run is over no sample follows.
+        let faulty = self
+            .ending()
+            .is_none()
+            .then(|| self.sensor_faults.pass(self.world.ticks, Some(sample)))
+            .flatten();
+        self.sample = faulty.unwrap_or(sample);
         self.update_set_point();
     }
 

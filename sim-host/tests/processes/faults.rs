@@ -1,6 +1,9 @@
 //! Faults between two real processes.
 
-use super::place::Place;
+use sim_host::record::schema::AnyMessage;
+
+use super::place::{Place, text};
+use super::record::read;
 
 const SHORT: [&str; 4] = ["--duration", "5", "--start-vx", "0.2"];
 
@@ -104,4 +107,33 @@ fn a_sweep_gives_equal_bits_with_one_and_two_threads() {
     against(&place.file("none.json")).assert(2, &["none.json", "cannot be read"]);
     place.start("robustness", &["--runs", "0"]).end().assert(2, &["--runs is 0", "from 1"]);
     place.start("robustness", &["--jobs", "0"]).end().assert(2, &["--jobs is 0", "from 1"]);
+}
+
+/// Regression: the recorded samples were those from before the faults.
+#[test]
+fn a_recording_has_the_samples_that_were_sent_and_replays_as_the_run_was() {
+    let place = Place::new();
+    let path = place.file("noise.mcap");
+    for mode in [&["--in-process"][..], &["--spawn"], &["--spawn", "--real-time"]] {
+        let run = ["--duration", "3", "--fault", "noise=0.05", "--record", text(&path)];
+        // In real time on a busy machine the leg may fall.
+        place.alone(&[mode, &run].concat()).end();
+        let (ticks, rest, _) = read(&path);
+        let states = rest.iter().filter_map(|entry| match entry {
+            AnyMessage::State(state) => Some(state),
+            _ => None,
+        });
+        let errors: Vec<_> =
+            ticks.iter().zip(states).map(|((s, _), t)| f64::from(s.y_m) - t.y_m).collect();
+        let deviation = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
+        assert!(errors.len() > 500 && (0.045..0.055).contains(&deviation), "{deviation}");
+        let replayed = place.start("replay", &[text(&path)]).end();
+        if !mode.contains(&"--real-time") {
+            let same = "3000 commands compared: the same, bit for bit";
+            assert!(replayed.assert_ok().out.contains(same), "{}", replayed.out);
+        }
+        // In real time on a busy machine a part may not be compared.
+        assert!(!replayed.out.contains("differs"), "{}", replayed.out);
+        assert_eq!(replayed.err, "", "the samples are those that were sent");
+    }
 }

@@ -106,7 +106,9 @@ impl<M> FaultPipeline<M> {
         })
     }
 
-    fn count(&self, id: usize) -> u64 {
+    /// Returns how many messages the fault with this id has changed, dropped or held back.
+    #[must_use]
+    pub fn count(&self, id: usize) -> u64 {
         self.0
             .iter()
             .filter(|installed| installed.id == id)

@@ -85,6 +85,9 @@ impl<'a, 'l, L: LegLink, H: Hooks> LegTask<'a, 'l, L, H> {
     }
 
     fn send_sample(&mut self, clock: &impl Clock) -> Result<(), LinkError> {
+        // Not between sending and playing, where the observers would get another set-point than the
+        // controller.
+        self.hooks.steer(&mut self.leg);
         self.sent.record(&self.leg.sample().header, clock.now_ns());
         self.link.send(self.leg.sample())
     }
@@ -129,7 +132,6 @@ impl<L: LegLink, H: Hooks> Task for LegTask<'_, '_, L, H> {
             self.link.send(&self.leg.end_sample())?;
             return Ok(TickResult { run_id: self.run_id, over: true, ..TickResult::default() });
         }
-        self.hooks.steer(&mut self.leg);
         let command = self.receive_new()?;
         let was_held = self.hold.is_active();
         let is_answered = command.is_some_and(|command| self.leg.is_answered_by(&command));

@@ -10,6 +10,7 @@ use leg_host::{Link, Role};
 use super::*;
 use crate::scenario::Settings;
 use crate::session::TickRecord;
+use crate::session::leg::Leg;
 use crate::session::lock_step;
 
 /// A clock that wakes on time, except for one wait that ends late.
@@ -205,4 +206,39 @@ fn holds_the_leg_at_its_start_for_a_limited_time() {
     let (outcome, c) = play(&short, &SimulatedClock::punctual(), OnFall::End, foreign, &mut ());
     assert_eq!((outcome.ticks, c.idle, c.stale), (500, 1000, 500));
     assert_eq!((outcome.safe_ticks, c.safe), (500, 500));
+}
+
+/// Regression: a request between the sending of a sample and its tick changed the recorded one.
+#[test]
+fn observers_see_the_samples_that_were_sent_also_when_the_set_point_changes() {
+    #[derive(Default)]
+    struct Steers {
+        calls: u32,
+        seen: Vec<Sample>,
+    }
+    impl Hooks for Steers {
+        fn steer(&mut self, leg: &mut Leg<'_>) {
+            self.calls += 1;
+            leg.override_set_point(Some(1e-4 * f64::from(self.calls)));
+        }
+        fn observe(&mut self, tick: &TickRecord<'_>) {
+            self.seen.push(*tick.sample);
+        }
+    }
+    let noisy = scenario("duration_s = 0.5\n[[fault]]\nnoise = 0.05");
+    let mut received = Vec::new();
+    let law = |sample: &Sample| {
+        received.push(*sample);
+        law(sample)
+    };
+    let mut hooks = Steers::default();
+    let clock = SimulatedClock::late(8_000_000, 3_400_000);
+    let (outcome, _) = play(&noisy, &clock, OnFall::End, law, &mut hooks);
+    assert_eq!((outcome.ticks, outcome.faults[0].touched), (500, 500));
+    received.retain(|sample| sample.header.flags & flags::END == 0);
+    assert!(received.len() > 490, "{}", received.len());
+    for sample in received {
+        let seen = hooks.seen[sample.header.seq as usize];
+        assert_eq!(seen, sample);
+    }
 }
