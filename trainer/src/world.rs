@@ -202,7 +202,7 @@ impl World {
         next.map(|apex| Apex { y_m: apex.y_m + ground_m, ..apex })
     }
 
-    /// Whether anything was drawn for this world.
+    /// Returns whether anything was drawn for this world.
     #[must_use]
     pub const fn is_randomised(&self) -> bool {
         self.is_randomised

@@ -7,7 +7,7 @@ use mcap::records::Record;
 
 use crate::read::{ReadError, Records};
 
-/// Whether a file begins as MCAP files do.
+/// Returns whether a file begins as MCAP files do.
 #[must_use]
 pub fn is_mcap(first_bytes: &[u8]) -> bool {
     first_bytes.starts_with(mcap::MAGIC)

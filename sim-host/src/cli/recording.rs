@@ -1,6 +1,6 @@
 //! The option `--record`: a recording beside a run, or none.
 
-use leg_process::stderr;
+use leg_process::{check_apart, stderr};
 use std::path::Path;
 
 use leg_control::estimator::Estimate;
@@ -28,14 +28,18 @@ struct Active {
 }
 
 impl Recording {
-    /// Starts a recording if there is a path.
-    pub(super) fn begin(
+    /// Starts a recording if there is a path, which must be none of the `other` files of the run.
+    pub(super) fn begin<'a>(
         path: Option<&Path>,
+        other: impl IntoIterator<Item = &'a Path>,
         settings: &Settings,
         scenario: &Scenario,
         time_mode: TimeMode,
     ) -> anyhow::Result<Self> {
         let Some(path) = path else { return Ok(Self(None)) };
+        check_apart(path, other).map_err(|error| {
+            misuse(format!("cannot write the recording {}: {error}", path.display()))
+        })?;
         let config = config::of_run(settings, scenario, time_mode)
             .map_err(|cause| misuse(format!("the scenario cannot be recorded: {cause}")))?;
         let on_full = match time_mode {

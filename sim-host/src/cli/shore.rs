@@ -71,7 +71,8 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let scenario = Scenario::from_settings(&settings).map_err(misuse)?;
     let estimator = scenario.estimator.unwrap_or_default();
     let record = args.record.as_deref();
-    let mut recording = Recording::begin(record, &settings, &scenario, TimeMode::LockStep)?;
+    let other = args.policy.iter().chain([&path]).map(PathBuf::as_path);
+    let mut recording = Recording::begin(record, other, &settings, &scenario, TimeMode::LockStep)?;
     recording.law(estimator, scenario.stale_limit_ns, true);
     let mut progress = (!args.json).then(|| Progress::begin(&name, args, &scenario)).transpose()?;
     let mut recorder = TrackRecorder::default();

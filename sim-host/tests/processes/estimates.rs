@@ -169,3 +169,50 @@ fn replay_names_the_first_estimate_that_differs_in_a_bit() {
     assert_eq!(report["equal"], false, "{report}");
     assert_eq!(report["first_estimate_difference"]["tick"], 1_500, "{report}");
 }
+
+/// A run of two processes has no estimates in its recording.
+#[test]
+fn plot_draws_the_estimates_of_a_run_of_two_processes_as_of_one_in_a_process() {
+    let place = Place::new();
+    let sensors = ["--set-point", "0.5", "--duration", "6", "--sensors", "imu"];
+    let drawn = |folder: &str, how: &[&str], more: &[&str]| {
+        fs::create_dir(place.file(folder)).unwrap();
+        let [mcap, svg] = ["run.mcap", "run.svg"].map(|name| place.file(folder).join(name));
+        let record = ["--record", text(&mcap)];
+        let run = [how, &sensors, more, &record].concat();
+        place.start("run", &run).end().assert_ok();
+        let plotted = place.start("plot", &[text(&mcap), "-o", text(&svg)]).end();
+        assert_eq!(plotted.assert_ok().err, "");
+        (read(&mcap).1.len(), fs::read_to_string(svg).unwrap())
+    };
+    let lossy = ["--fault", "drop=0.2", "--fault", "delay=5", "--stale-limit", "100"];
+    for (i, more) in [&[][..], &lossy].into_iter().enumerate() {
+        let [one, two] = ["one", "two"].map(|name| format!("{name}-{i}"));
+        let (recorded, in_process) = drawn(&one, &["--in-process"], more);
+        let spawn = ["--domain", place.domain(), "--spawn"];
+        let (none, computed) = drawn(&two, &spawn, more);
+        assert!(recorded > 4_000 && none == 0, "{recorded}, {none}");
+        assert_eq!(computed.matches("Estimate less truth").count(), 4);
+        if i == 0 {
+            assert!(computed == in_process, "the pictures differ");
+        }
+    }
+}
+
+/// In real time the estimates are drawn as far as the commands show which samples the controller
+/// received.
+#[test]
+fn plot_draws_the_estimates_of_a_run_in_real_time_or_reports_why_it_cannot() {
+    let place = Place::new();
+    let [mcap, svg] = ["run.mcap", "run.svg"].map(|name| place.file(name));
+    let run = ["--domain", place.domain(), "--spawn", "--real-time", "--duration", "3"];
+    let sensors = ["--sensors", "imu", "--set-point", "0.5", "--record", text(&mcap)];
+    place.start("run", &[&run[..], &sensors].concat()).end().assert_ok();
+    assert!(read(&mcap).1.is_empty());
+    let plotted = place.start("plot", &[text(&mcap), "-o", text(&svg)]).end();
+    let drawn = fs::read_to_string(&svg).unwrap().matches("Estimate less truth").count();
+    let reported = plotted.assert_ok().err.contains("not all estimates are drawn: ");
+    assert!(drawn == 4 || (drawn == 0 && reported), "{drawn}: {}", plotted.err);
+    let ended = place.start("controller", &["estimate", "--input", text(&mcap)]).end();
+    assert!(ended.assert_ok().err.contains("in real time the controller may have missed"));
+}

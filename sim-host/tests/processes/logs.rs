@@ -348,7 +348,7 @@ fn an_output_never_replaces_an_input_or_another_output() {
         ["run.mcap", "run.csv", "hops.csv", "run.toml", "new"].map(|name| place.file(name));
     fs::write(&hops, "vx,y,alpha,rs\n0,1.5,1.5,1\n").unwrap();
     fs::write(&toml, "set_point_m_s = 0.5\n").unwrap();
-    let policy = place.policy();
+    let (policy, pictures) = (place.policy(), place.file("pictures"));
     let [mcap_, csv_, hops_, toml_, new_, policy_] =
         [&mcap, &csv, &hops, &toml, &new, &policy].map(|path| text(path));
     let inputs = || [&mcap, &csv, &hops, &toml, &policy].map(|path| fs::read(path).unwrap());
@@ -365,6 +365,7 @@ fn an_output_never_replaces_an_input_or_another_output() {
         ("apex", &["--input", hops_], ["--output", hops_]),
         ("run", &run, ["--record", toml_]),
         ("run", &run, ["--record", policy_]),
+        ("--policy", &[policy_, "--out", text(&pictures)], ["--record", policy_]),
     ] {
         let ended = place.start(program, &[options, &more].concat()).end();
         ended.assert(2, &["cannot write", more[1], "it is the same file as"]);
@@ -414,51 +415,4 @@ fn a_recording_of_several_runs_is_not_exported() {
     let export = place.start("export", &[text(&mcap), "--csv", text(&csv)]).end();
     export.assert(2, &["put back to its start 1 times; a log is of one run"]);
     assert!(!csv.exists());
-}
-
-/// A run of two processes has no estimates in its recording.
-#[test]
-fn plot_draws_the_estimates_of_a_run_of_two_processes_as_of_one_in_a_process() {
-    let place = Place::new();
-    let sensors = ["--set-point", "0.5", "--duration", "6", "--sensors", "imu"];
-    let drawn = |folder: &str, how: &[&str], more: &[&str]| {
-        fs::create_dir(place.file(folder)).unwrap();
-        let [mcap, svg] = ["run.mcap", "run.svg"].map(|name| place.file(folder).join(name));
-        let record = ["--record", text(&mcap)];
-        let run = [how, &sensors, more, &record].concat();
-        place.start("run", &run).end().assert_ok();
-        let plotted = place.start("plot", &[text(&mcap), "-o", text(&svg)]).end();
-        assert_eq!(plotted.assert_ok().err, "");
-        (estimates(&mcap).len(), fs::read_to_string(svg).unwrap())
-    };
-    let lossy = ["--fault", "drop=0.2", "--fault", "delay=5", "--stale-limit", "100"];
-    for (i, more) in [&[][..], &lossy].into_iter().enumerate() {
-        let [one, two] = ["one", "two"].map(|name| format!("{name}-{i}"));
-        let (recorded, in_process) = drawn(&one, &["--in-process"], more);
-        let spawn = ["--domain", place.domain(), "--spawn"];
-        let (none, computed) = drawn(&two, &spawn, more);
-        assert!(recorded > 4_000 && none == 0, "{recorded}, {none}");
-        assert_eq!(computed.matches("Estimate less truth").count(), 4);
-        if i == 0 {
-            assert!(computed == in_process, "the pictures differ");
-        }
-    }
-}
-
-/// In real time the estimates are drawn as far as the commands tell which samples the controller
-/// received.
-#[test]
-fn plot_draws_the_estimates_of_a_run_in_real_time_or_tells_why_it_cannot() {
-    let place = Place::new();
-    let [mcap, svg] = ["run.mcap", "run.svg"].map(|name| place.file(name));
-    let run = ["--domain", place.domain(), "--spawn", "--real-time", "--duration", "3"];
-    let sensors = ["--sensors", "imu", "--set-point", "0.5", "--record", text(&mcap)];
-    place.start("run", &[&run[..], &sensors].concat()).end().assert_ok();
-    assert!(estimates(&mcap).is_empty());
-    let plotted = place.start("plot", &[text(&mcap), "-o", text(&svg)]).end();
-    let drawn = fs::read_to_string(&svg).unwrap().matches("Estimate less truth").count();
-    let told = plotted.assert_ok().err.contains("not all estimates are drawn: ");
-    assert!(drawn == 4 || (drawn == 0 && told), "{drawn}: {}", plotted.err);
-    let ended = estimate(&place, &["--input", text(&mcap)]);
-    assert!(ended.assert_ok().err.contains("in real time the controller may have missed"));
 }

@@ -228,7 +228,7 @@ impl Log {
         if !self.has(&[Column::Contact]) && !self.has(&[Column::LegLength]) {
             let [contact, length] = [Column::Contact, Column::LegLength].map(Column::name);
             return error(format!(
-                "it has neither {contact} nor {length}; one of them tells whether the foot stands"
+                "it has neither {contact} nor {length}; one of them must show whether the foot stands"
             ));
         }
         Ok(())

@@ -63,7 +63,7 @@ impl Row {
         self.get(column).map(|x| x as f32)
     }
 
-    /// Returns whether a cell says yes.
+    /// Returns the truth value in a cell.
     pub(super) fn truth(&self, column: Column) -> Option<bool> {
         self.get(column).map(|x| x > 0.0)
     }

@@ -9,7 +9,6 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use leg_host::TimeMode;
-use leg_process::check_apart;
 
 use super::misuse;
 use super::recording::Recording;
@@ -60,13 +59,9 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         ));
     }
     let time_mode = if args.real_time.is_on() { TimeMode::RealTime } else { TimeMode::LockStep };
-    if let Some(record) = &args.record {
-        let others = args.scenario.iter().chain(&args.policy).map(PathBuf::as_path);
-        check_apart(record, others).map_err(|error| {
-            misuse(format!("cannot write the recording {}: {error}", record.display()))
-        })?;
-    }
-    let recording = Recording::begin(args.record.as_deref(), &settings, &scenario, time_mode)?;
+    let inputs = args.scenario.iter().chain(&args.policy).map(PathBuf::as_path);
+    let recording =
+        Recording::begin(args.record.as_deref(), inputs, &settings, &scenario, time_mode)?;
     match time_mode {
         TimeMode::LockStep => lock_step::main(&scenario, args, recording),
         TimeMode::RealTime => real_time::main(&scenario, args, recording),
