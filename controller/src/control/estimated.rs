@@ -11,7 +11,7 @@ use super::Controller;
 use crate::actor::Observation;
 use crate::command::{LegCommand, Status, Telemetry};
 use crate::config::Config;
-use crate::estimator::{Acted, Estimate, Estimator, Events};
+use crate::estimator::{Acted, Estimate, Estimator, Events, Filter};
 use crate::gait::{Apex, Followed};
 use crate::guard::{Channels, Trusted};
 use crate::math::clamp;
@@ -142,7 +142,8 @@ impl Controller<'_> {
             let apex = by_model.or(here).filter(|apex| (apex.vx_m_s + apex.y_m).is_finite());
             if let Some(apex) = apex {
                 let measured = m.density_ratio.filter(|_| usable.has(Channels::DENSITY));
-                self.decide_estimated(apex, measured, moment);
+                let density_ratio = measured.unwrap_or(estimator.density_ratio());
+                self.decide_estimated(apex, density_ratio, moment);
             }
         }
         self.command = self.gait.command();
@@ -152,7 +153,7 @@ impl Controller<'_> {
     /// Runs cascade and actor for the apex of this hop. Not inlined: an ordinary tick does
     /// not call it.
     #[inline(never)]
-    fn decide_estimated(&mut self, apex: Apex, measured_density: Option<f32>, moment: Moment) {
+    fn decide_estimated(&mut self, apex: Apex, density_ratio: f32, moment: Moment) {
         if moment != Moment::InFlight {
             self.take_next();
         }
@@ -166,8 +167,7 @@ impl Controller<'_> {
         }
         tracked.apex = Some(apex);
         let manifest = self.policy.manifest();
-        let density = measured_density.unwrap_or(tracked.estimator.density_ratio());
-        let density_ratio = clamp(density, manifest.media.density_ratio);
+        let density_ratio = clamp(density_ratio, manifest.media.density_ratio);
         let apex_y_m = clamp(apex.y_m, self.config.limits().height_m);
         let gains = gains_at(&manifest.gains, density_ratio);
         let mut cascade = tracked.cascade_before.clone();

@@ -37,18 +37,27 @@ pub(super) struct Reading {
 }
 
 /// What a reading changes.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Correction {
-    /// To be added to the states.
-    pub(super) by: Vector4<f32>,
+    /// Change of each state per unit of the innovation.
+    pub(super) gain: Vector4<f32>,
     pub(super) innovation: Innovation,
 }
 
 /// An innovation, and one over its variance.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Innovation {
-    value: f32,
-    inverse: f32,
+    pub(super) value: f32,
+    /// One over its variance.
+    pub(super) inverse: f32,
+}
+
+impl Correction {
+    /// Returns what is to be added to the states.
+    #[inline]
+    pub(super) fn by(&self) -> Vector4<f32> {
+        self.gain * self.innovation.value
+    }
 }
 
 impl Innovation {
@@ -179,9 +188,8 @@ impl Factor {
         self.parameter = p1 + e1 * b2;
         self.velocity[0] = v1 + e1 * b3;
         self.position[0] = s1 + e1 * b4;
-        let scale = innovation * inverse;
-        let by = Vector4::new(g1, b2 + p1 * g1, b3 + v1 * g1, b4 + s1 * g1) * scale;
-        Some(Correction { by, innovation: Innovation { value: innovation, inverse } })
+        let gain = Vector4::new(g1, b2 + p1 * g1, b3 + v1 * g1, b4 + s1 * g1) * inverse;
+        Some(Correction { gain, innovation: Innovation { value: innovation, inverse } })
     }
 
     /// Takes a reading as [`Self::update`] does, but leaves the bias as it is: what the reading
@@ -208,8 +216,8 @@ impl Factor {
         let by_rest = 1.0 / of_rest;
         let off = Vector4::new(0.0, k2 - b2 * by_rest, k3 - b3 * by_rest, k4 - b4 * by_rest);
         self.add_rest_noise(off, of_rest);
-        let by = Vector4::new(0.0, k2, k3, k4) * innovation;
-        Some(Correction { by, innovation: Innovation { value: innovation, inverse } })
+        let gain = Vector4::new(0.0, k2, k3, k4);
+        Some(Correction { gain, innovation: Innovation { value: innovation, inverse } })
     }
 
     /// Returns how a reading sees the states behind the bias, for a known bias.
@@ -379,7 +387,8 @@ mod tests {
             } else {
                 factor.update(&reading)
             };
-            let Some(Correction { by, .. }) = correction else { continue };
+            let Some(correction) = correction else { continue };
+            let by = correction.by();
             let (innovation, variance) = (f64::from(innovation), f64::from(variance));
             let expected = reference.update(h.map(f64::from), innovation, variance, spares_bias);
             let off = (by.map(f64::from) - expected).amax() / (expected.amax() + 1e-9);

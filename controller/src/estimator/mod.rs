@@ -18,8 +18,8 @@ mod state;
 mod tracker;
 
 use crate::config::{Config, Estimation};
-use crate::gait::{self, Apex, Gait};
-use crate::guard::{Channels, Trusted};
+use crate::gait::{Apex, Gait};
+use crate::guard::Trusted;
 use crate::leg::LegModel;
 
 pub(crate) use contact::Edge;
@@ -27,9 +27,6 @@ use inertial::InertialFilter;
 pub use sensor_noise::SensorNoise;
 use state::StateFilter;
 pub use state::StateNoise;
-
-/// Standard deviations of the leg length by which a loaded leg is shorter than at rest.
-const LOADED: f32 = 3.0;
 
 /// The estimate at the last measurement, with its variances.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -131,43 +128,43 @@ impl Estimator {
         either!(self, filter => filter.set_leg(leg, gravity_m_s2));
     }
 
-    /// Takes a measurement of a leg in this gait. Returns none while there is no estimate.
-    #[inline]
-    pub(crate) fn update(&mut self, measurement: &Trusted<'_>, gait: &Gait) -> Option<Events> {
-        let (m, usable) = (measurement.measurement(), measurement.usable());
-        match self {
-            Self::State(filter) => {
-                let is_loaded = usable.has(Channels::CONTACT).then(|| {
-                    let tolerance_m = (LOADED * filter.leg_length_m())
-                        .max(gait::LENGTH_TOLERANCE * gait.rest_length_m());
-                    gait.is_loaded(m, tolerance_m)
-                });
-                filter.update(m, usable, is_loaded, gait.touchdown_y_m())
-            }
-            Self::Inertial(filter) => {
-                filter.update(m, usable, gait.rest_m(m.t_ns), gait.touchdown_y_m())
-            }
-        }
-    }
-
-    /// Returns whether there is an estimate.
-    pub(crate) fn has_begun(&self) -> bool {
-        either!(self, filter => filter.has_begun())
-    }
-
     /// Returns the estimate; none before it has begun, nor while a number is not finite.
     pub(crate) fn estimate(&self) -> Option<Estimate> {
         either!(self, filter => filter.estimate())
     }
+}
+
+/// What the control law asks of a filter.
+pub(crate) trait Filter {
+    /// Returns whether there is an estimate.
+    fn has_begun(&self) -> bool;
+
+    /// Takes a measurement of a leg in this gait. Returns none while there is no estimate.
+    fn update(&mut self, measurement: &Trusted<'_>, gait: &Gait) -> Option<Events>;
 
     /// Returns the density ratio; not clamped to any range.
-    pub(crate) fn density_ratio(&self) -> f32 {
+    fn density_ratio(&self) -> f32;
+
+    /// Returns the apex of this flight, behind or ahead; none where the model does not lead to
+    /// one within a second.
+    fn apex(&self) -> Option<Apex>;
+}
+
+impl Filter for Estimator {
+    fn has_begun(&self) -> bool {
+        either!(self, filter => filter.has_begun())
+    }
+
+    #[inline]
+    fn update(&mut self, measurement: &Trusted<'_>, gait: &Gait) -> Option<Events> {
+        either!(self, filter => filter.update(measurement, gait))
+    }
+
+    fn density_ratio(&self) -> f32 {
         either!(self, filter => filter.density_ratio())
     }
 
-    /// Returns the apex of this flight, behind or ahead; none where the model does not lead
-    /// to one within a second.
-    pub(crate) fn apex(&self) -> Option<Apex> {
+    fn apex(&self) -> Option<Apex> {
         either!(self, filter => filter.apex())
     }
 }

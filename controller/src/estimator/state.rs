@@ -30,11 +30,14 @@ use super::contact::{ContactFilter, Edge};
 use super::model::{Flight, FlightModel};
 use super::noise::{CHANNELS, NoiseMeter};
 use super::tracker::ApexTracker;
-use super::{Estimate, Events};
-use crate::gait::Apex;
-use crate::guard::Channels;
+use super::{Estimate, Events, Filter};
+use crate::gait::{self, Apex, Gait};
+use crate::guard::{Channels, Trusted};
 use crate::leg::LegModel;
 use crate::measurement::Measurement;
+
+/// Standard deviations of the leg length by which a loaded leg is shorter than at rest.
+const LOADED: f32 = 3.0;
 
 /// The channels in their order.
 const VX: usize = 0;
@@ -157,6 +160,34 @@ pub(crate) struct StateFilter {
     tracker: ApexTracker,
 }
 
+impl Filter for StateFilter {
+    fn has_begun(&self) -> bool {
+        self.has_begun
+    }
+
+    #[inline]
+    fn update(&mut self, measurement: &Trusted<'_>, gait: &Gait) -> Option<Events> {
+        let (m, usable) = (measurement.measurement(), measurement.usable());
+        let is_loaded = usable.has(Channels::CONTACT).then(|| {
+            let tolerance_m =
+                (LOADED * self.leg_length_m).max(gait::LENGTH_TOLERANCE * gait.rest_length_m());
+            gait.is_loaded(m, tolerance_m)
+        });
+        self.take(m, usable, is_loaded, gait.touchdown_y_m())
+    }
+
+    fn density_ratio(&self) -> f32 {
+        self.vertical.density_ratio
+    }
+
+    fn apex(&self) -> Option<Apex> {
+        let [vx_m_s, y_m, vy_m_s] = self.motion();
+        let density_ratio = self.density_ratio();
+        let apex = self.model.at_apex(Flight { vx_m_s, y_m, vy_m_s, density_ratio })?;
+        Some(Apex { vx_m_s: apex.vx_m_s, y_m: apex.y_m })
+    }
+}
+
 impl StateFilter {
     /// Returns a filter that knows nothing yet.
     pub(crate) fn new(
@@ -196,21 +227,11 @@ impl StateFilter {
         self.scales = Scales::new(leg.rest_length_m);
     }
 
-    /// Returns the stated deviation of the leg length, m.
-    pub(crate) fn leg_length_m(&self) -> f32 {
-        self.leg_length_m
-    }
-
-    /// Returns whether there is an estimate.
-    pub(crate) fn has_begun(&self) -> bool {
-        self.has_begun
-    }
-
     /// Takes a measurement and whether it shows a loaded foot, where it shows that; the leg
     /// would touch down at a height of `touchdown_y_m`. Returns none while there is no
     /// estimate: before it has begun, or after a channel was missing for too long.
     #[inline]
-    pub(crate) fn update(
+    fn take(
         &mut self,
         measurement: &Measurement,
         usable: Channels,
@@ -275,23 +296,9 @@ impl StateFilter {
         [self.vx.value, self.y.value, self.vertical.vy_m_s]
     }
 
-    /// Returns the density ratio; not clamped to any range.
-    pub(crate) fn density_ratio(&self) -> f32 {
-        self.vertical.density_ratio
-    }
-
     /// Returns the vertical acceleration in flight, m/s2.
     fn ay_m_s2(&self) -> f32 {
         self.model.ay_m_s2(self.vertical.vy_m_s, self.vertical.density_ratio)
-    }
-
-    /// Returns the apex of this flight, behind or ahead; none where the model does not lead
-    /// to one within a second.
-    pub(crate) fn apex(&self) -> Option<Apex> {
-        let [vx_m_s, y_m, vy_m_s] = self.motion();
-        let density_ratio = self.vertical.density_ratio;
-        let apex = self.model.at_apex(Flight { vx_m_s, y_m, vy_m_s, density_ratio })?;
-        Some(Apex { vx_m_s: apex.vx_m_s, y_m: apex.y_m })
     }
 
     /// Returns whether the foot is on the ground.

@@ -53,7 +53,7 @@ impl Flown {
     fn play(&mut self, estimator: &mut StateFilter, ticks: u32) {
         for _ in 0..ticks {
             let m = self.read();
-            estimator.update(&m, Channels::ALL, Some(false), 1.0);
+            estimator.take(&m, Channels::ALL, Some(false), 1.0);
         }
     }
 }
@@ -111,7 +111,7 @@ fn one_channel_that_is_missing_leaves_the_others_in_force_until_the_stale_limit(
                 vy_m_s: bad(Channels::VY, m.vy_m_s),
                 ..m
             };
-            let events = estimator.update(&m, usable, Some(false), 1.0);
+            let events = estimator.take(&m, usable, Some(false), 1.0);
             // The sum of a hundred times is not exact.
             assert!(events.is_some() || tick > 98, "tick {tick} with {usable:?} alone");
             if let Some(found) = estimator.estimate() {
@@ -132,7 +132,7 @@ fn a_reading_with_a_flipped_bit_changes_nothing() {
     let before = estimator.estimate().unwrap();
     for _ in 0..3 {
         let m = Measurement { vy_m_s: -45.0, y_m: 90.0, vx_m_s: 30.0, ..flown.read() };
-        estimator.update(&m, Channels::ALL, Some(false), 1.0);
+        estimator.take(&m, Channels::ALL, Some(false), 1.0);
         flown.play(&mut estimator, 20);
     }
     let found = estimator.estimate().unwrap();
@@ -148,7 +148,7 @@ fn readings_with_gaps_give_the_same_flight() {
     for tick in 0..900_u32 {
         let m = flown.read();
         if tick % 30 == 7 || tick < 40 {
-            estimator.update(&m, Channels::ALL, Some(false), 1.0);
+            estimator.take(&m, Channels::ALL, Some(false), 1.0);
         }
     }
     let found = estimator.estimate().unwrap();
@@ -165,7 +165,7 @@ fn the_apex_passes_once_and_is_found_from_before_and_from_behind() {
     let mut passed = 0;
     for tick in 0..900_u32 {
         let m = flown.read();
-        let events = estimator.update(&m, Channels::ALL, Some(false), 1.0);
+        let events = estimator.take(&m, Channels::ALL, Some(false), 1.0);
         passed += u32::from(events.is_some_and(|events| events.passed_apex));
         if tick > 250 {
             let apex = estimator.apex().unwrap();
@@ -184,7 +184,7 @@ fn a_state_that_overflows_ends_the_estimate() {
     let mut flown = Flown::new(0.0, 0.5);
     for _ in 0..500 {
         let m = flown.read();
-        estimator.update(&m, Channels::ALL, Some(false), 1.0);
+        estimator.take(&m, Channels::ALL, Some(false), 1.0);
         let finite = |e: Estimate| (e.vx_m_s + e.y_m + e.vy_m_s + e.density_ratio).is_finite();
         assert!(estimator.estimate().is_none_or(finite));
     }

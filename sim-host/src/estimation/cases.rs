@@ -52,7 +52,7 @@ const IMU: Case = Case {
 };
 
 /// The cases in the order of the report.
-pub const CASES: [Case; 23] = [
+pub const CASES: [Case; 39] = [
     Case { name: "ideal", about: "no fault", faults: &[], goal: 1.0, ..WHITE_1 },
     Case {
         name: "white-0.2",
@@ -163,6 +163,20 @@ pub const CASES: [Case; 23] = [
         ..WHITE_1
     },
     Case {
+        name: "leg-1.2",
+        about: "noise of 0.2; mass, stiffness, drag and gravity of 1.2 times those of the model",
+        faults: &["noise=0.2", "mass=1.2", "stiffness=1.2", "drag=1.2", "gravity=1.2"],
+        goal: 0.98,
+        ..WHITE_1
+    },
+    Case {
+        name: "leg-0.8",
+        about: "noise of 0.2; mass, stiffness, drag and gravity of 0.8 times those of the model",
+        faults: &["noise=0.2", "mass=0.8", "stiffness=0.8", "drag=0.8", "gravity=0.8"],
+        goal: 0.98,
+        ..WHITE_1
+    },
+    Case {
         name: "nan",
         about: "noise of 0.2; a fifth of the readings of each channel not a number",
         faults: &["noise=0.2", "nan=0.2,field=vx", "nan=0.2,field=y", "nan=0.2,field=vy"],
@@ -197,9 +211,107 @@ pub const CASES: [Case; 23] = [
         ..IMU
     },
     Case {
+        name: "imu-mass-0.8",
+        about: "sensors `imu`, 0.8 times the mass of the model",
+        faults: &["mass=0.8"],
+        goal: 0.98,
+        ..IMU
+    },
+    Case {
+        name: "imu-mass-1.2",
+        about: "sensors `imu`, 1.2 times the mass of the model",
+        faults: &["mass=1.2"],
+        goal: 0.98,
+        ..IMU
+    },
+    Case {
+        name: "imu-stiffness-0.8",
+        about: "sensors `imu`, 0.8 times the stiffness of the model",
+        faults: &["stiffness=0.8"],
+        goal: 0.98,
+        ..IMU
+    },
+    Case {
+        name: "imu-stiffness-1.2",
+        about: "sensors `imu`, 1.2 times the stiffness of the model",
+        faults: &["stiffness=1.2"],
+        goal: 0.98,
+        ..IMU
+    },
+    Case {
+        name: "imu-drag-0.8",
+        about: "sensors `imu`, 0.8 times the drag of the model",
+        faults: &["drag=0.8"],
+        goal: 0.98,
+        ..IMU
+    },
+    Case {
+        name: "imu-drag-1.2",
+        about: "sensors `imu`, 1.2 times the drag of the model",
+        faults: &["drag=1.2"],
+        goal: 0.98,
+        ..IMU
+    },
+    Case {
+        name: "imu-gravity-0.8",
+        about: "sensors `imu`, 0.8 times the gravity of the model",
+        faults: &["gravity=0.8"],
+        goal: 0.98,
+        ..IMU
+    },
+    Case {
+        name: "imu-gravity-1.2",
+        about: "sensors `imu`, 1.2 times the gravity of the model",
+        faults: &["gravity=1.2"],
+        goal: 0.98,
+        ..IMU
+    },
+    Case {
         name: "imu-mass-2",
         about: "sensors `imu`, twice the mass of the model",
         faults: &["mass=2"],
+        goal: 0.98,
+        ..IMU
+    },
+    Case {
+        name: "imu-slip",
+        about: "sensors `imu`, friction of 0.5 under a foot of 0.5 kg: it slips in water",
+        faults: &["friction=0.5", "foot-mass=0.5"],
+        goal: 0.98,
+        ..IMU
+    },
+    Case {
+        name: "imu-chatter",
+        about: "sensors `imu`, contact switch of which 5 % of the readings are wrong, and that bounces",
+        faults: &["noise=0.05,field=contact"],
+        goal: 0.98,
+        ..IMU
+    },
+    Case {
+        name: "imu-open",
+        about: "sensors `imu`, contact switch that sticks open from 10 s on",
+        faults: &["switch=open,at=10s"],
+        goal: 0.98,
+        ..IMU
+    },
+    Case {
+        name: "imu-closed",
+        about: "sensors `imu`, contact switch that sticks closed from 10 s on",
+        faults: &["switch=closed,at=10s"],
+        goal: 0.98,
+        ..IMU
+    },
+    Case {
+        name: "imu-clip",
+        about: "sensors `imu`, accelerometer that clips at 6 g",
+        sensor_figures: &["accelerometer-range=58.8"],
+        goal: 0.98,
+        ..IMU
+    },
+    Case {
+        name: "imu-deaf",
+        about: "sensors `imu`, accelerometer that is dead from 10 s on",
+        faults: &["dead=acceleration,at=10s"],
         goal: 0.98,
         ..IMU
     },

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::cases::Case;
 use super::run::Played;
 use crate::robustness::Media;
-use crate::statistics::wilson;
+use crate::statistics::{mean_square_bounds, wilson};
 
 /// The result of the study. Its JSON form has these fields.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -52,6 +52,10 @@ pub struct Row {
     pub innovations_squared: f64,
     /// Mean square of the errors of vx, y, vy and density in flight, in standard deviations.
     pub errors_squared: [f64; 4],
+    /// Mean of the same over the runs at the apex in the middle of each, and their number.
+    pub middle_errors_squared: [f64; 4],
+    /// Number of runs with an estimate at that apex.
+    pub middle_runs: u64,
 }
 
 impl Row {
@@ -62,6 +66,7 @@ impl Row {
         let errors = sum(&|run| run.errors.len() as f64);
         let square = |i: usize| sum(&|run| run.errors.iter().map(|e| e[i] * e[i]).sum());
         let ticks = sum(&|run| run.innovations[1]);
+        let middle_runs = played.iter().filter(|run| run.middle.is_some()).count() as u64;
         Self {
             case: case.name,
             media,
@@ -80,6 +85,10 @@ impl Row {
             innovations_squared: mean(sum(&|run| run.innovations[0]), ticks),
             errors_squared: [0, 1, 2, 3]
                 .map(|i: usize| mean(sum(&|run| run.errors_squared[i]), ticks)),
+            middle_errors_squared: [0, 1, 2, 3].map(|i: usize| {
+                mean(sum(&|run| run.middle.map_or(0.0, |squares| squares[i])), middle_runs as f64)
+            }),
+            middle_runs,
         }
     }
 
@@ -96,6 +105,44 @@ impl Row {
     }
 }
 
+impl Report {
+    /// Writes how far the errors agree with their variances: by one apex of each run, for the
+    /// errors of a run depend on each other.
+    fn write_consistency(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let measured: Vec<&Row> = self.rows.iter().filter(|row| row.middle_runs >= 10).collect();
+        if measured.is_empty() {
+            return Ok(());
+        }
+        writeln!(
+            f,
+            "\nConsistency: mean over the runs of the squared error over its variance, at the apex in \
+             the middle of\neach run. +: above the 95 % bounds, too sure of itself; -: below them, more \
+             careful than it need be.\n\n  {:<19}{:<7}{:>7}{:>8}{:>8}{:>9}   95 % bounds",
+            "case", "medium", "vx", "y", "vy", "density"
+        )?;
+        for row in measured {
+            let [low, high] = mean_square_bounds(row.middle_runs);
+            let [vx, y, vy, density] = row.middle_errors_squared.map(|mean| {
+                let mark = if mean > high {
+                    "+"
+                } else if mean < low {
+                    "-"
+                } else {
+                    " "
+                };
+                format!("{mean:.2}{mark}")
+            });
+            writeln!(
+                f,
+                "  {:<19}{:<7}{vx:>7}{y:>8}{vy:>8}{density:>9}   {low:.2} to {high:.2}",
+                row.case,
+                row.media.name()
+            )?;
+        }
+        Ok(())
+    }
+}
+
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { policy, runs, estimated, .. } = self;
@@ -103,7 +150,7 @@ impl fmt::Display for Report {
         writeln!(f, "{runs} runs of each case, 0.5 m/s, policy `{policy}`, {by}\n")?;
         writeln!(
             f,
-            "  {:<14}{:<7}{:>5}{:>9}  {:<15}{:>6}{:>6}{:>8}   {:<24}{:>5}   nees: vx, y, vy, density",
+            "  {:<19}{:<7}{:>5}{:>9}  {:<15}{:>6}{:>6}{:>8}   {:<24}{:>5}   nees: vx, y, vy, density",
             "case",
             "medium",
             "hops",
@@ -121,7 +168,7 @@ impl fmt::Display for Report {
             let [vx, y, density] = row.rms;
             writeln!(
                 f,
-                "  {:<14}{:<7}{:>5}{:>7.1} %  {:<15}{:>6}{:>6}{:>8.4}   {:<24}{:>5.2}   {}{missed}",
+                "  {:<19}{:<7}{:>5}{:>7.1} %  {:<15}{:>6}{:>6}{:>8.4}   {:<24}{:>5.2}   {}{missed}",
                 row.case,
                 row.media.name(),
                 row.hops,
@@ -141,6 +188,7 @@ impl fmt::Display for Report {
              the apex from the set-point, m/s; rms: errors at the apex, m/s, m; nis: mean square of\n  \
              the innovations along y in flight in standard deviations, 1 for a consistent filter; nees:\n  \
              the same of the errors of the estimate; both 0 where samples come late: not measured"
-        )
+        )?;
+        self.write_consistency(f)
     }
 }

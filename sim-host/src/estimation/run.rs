@@ -49,6 +49,9 @@ pub(super) struct Played {
     /// Sum of the squares of the errors of vx, y, vy and density in flight over their
     /// variances.
     pub(super) errors_squared: [f64; 4],
+    /// The squares at the apex in the middle of the run: one draw of each run, for those of a run
+    /// depend on each other.
+    pub(super) middle: Option<[f64; 4]>,
 }
 
 /// An apex as it was.
@@ -130,6 +133,7 @@ pub(super) fn play(
         }
         leg.step(command, Duration::ZERO, &mut |tick: &TickRecord| {
             let estimate = estimates.take().filter(|&(seq, _)| seq == tick.seq);
+            let mut squares = None;
             if let Some((_, estimate)) = estimate
                 && tick.phase == Phase::Flight
                 && !estimate.in_stance
@@ -141,15 +145,16 @@ pub(super) fn play(
                     (f64::from(known) - truth).powi(2) / f64::from(variance)
                 };
                 let e = estimate;
-                let squares = [
+                let now = [
                     of(e.vx_m_s, tick.body.vx_m_s, e.vx_variance),
                     of(e.y_m, height_m(&tick.body), e.y_variance),
                     of(e.vy_m_s, tick.body.vy_m_s, e.vy_variance),
                     of(e.density_ratio, density_ratio, e.density_variance),
                 ];
-                for (sum, square) in played.errors_squared.iter_mut().zip(squares) {
+                for (sum, square) in played.errors_squared.iter_mut().zip(now) {
                     *sum += square;
                 }
+                squares = Some(now);
             }
             for event in tick.events.iter() {
                 if event.kind == EventKind::LiftOff {
@@ -159,6 +164,9 @@ pub(super) fn play(
                     continue;
                 }
                 played.apexes += 1;
+                if played.apexes == case.hops / 2 {
+                    played.middle = squares;
+                }
                 played.tracking_m_s.push((event.body.vx_m_s - case.set_point_m_s).abs());
                 apexes.push(Apex {
                     t_s: tick.t_s + event.t_s,

@@ -26,6 +26,8 @@ pub enum FaultKind {
     Backlash,
     Mass,
     Stiffness,
+    Drag,
+    Gravity,
     Damping,
     FootMass,
     Friction,
@@ -49,7 +51,7 @@ const SENSOR: &str = "samples";
 const ACTUATOR: &str = "commands";
 const WORLD: &str = "the leg, the ground and the medium";
 
-const TABLE: [KindInfo; 26] = [
+const TABLE: [KindInfo; 28] = [
     KindInfo {
         kind: FaultKind::Drop,
         name: "drop",
@@ -211,6 +213,22 @@ const TABLE: [KindInfo; 26] = [
         about: "stiffness of the spring over the stiffness that the controller is configured for",
     },
     KindInfo {
+        kind: FaultKind::Drag,
+        name: "drag",
+        value: "factor, 0 to 10",
+        keys: &[],
+        acts: WORLD,
+        about: "drag coefficients over those that the controller is configured for",
+    },
+    KindInfo {
+        kind: FaultKind::Gravity,
+        name: "gravity",
+        value: "factor, 0.5 to 2",
+        keys: &[],
+        acts: WORLD,
+        about: "gravity over the one that the controller is configured for",
+    },
+    KindInfo {
         kind: FaultKind::Damping,
         name: "damping",
         value: "N s/m, 0 to 1000",
@@ -282,6 +300,8 @@ impl FaultKind {
         match self {
             Self::Mass
             | Self::Stiffness
+            | Self::Drag
+            | Self::Gravity
             | Self::Damping
             | Self::FootMass
             | Self::Friction

@@ -16,11 +16,13 @@ use super::catalog::FaultKind;
 use super::field::{ACCELERATION, FIELDS, most};
 use super::setting::{FaultError, FaultSetting};
 use super::{
-    ActuatorFault, Direction, Fault, FaultEffect, Faults, MessageFault, RandomTerrain, SensorFault,
-    Terrain, Trigger,
+    ActuatorFault, Direction, Fault, FaultEffect, Faults, LegFault, MessageFault, RandomTerrain,
+    SensorFault, Terrain, Trigger,
 };
 
 const SHARE: RangeInclusive<f64> = 0.0..=1.0;
+/// Mass and stiffness of the simulated leg over those of the model.
+const FACTOR: RangeInclusive<f64> = 0.1..=10.0;
 const DELAY_TICKS: RangeInclusive<u32> = 0..=1000;
 const DURATION_TICKS: RangeInclusive<u32> = 1..=1_000_000;
 const DEFAULT_CHANCE: f64 = 0.001;
@@ -138,24 +140,18 @@ impl Checker<'_> {
                 self.actuator(ActuatorFault::DeadTime { ticks })
             }
             FaultKind::Backlash => self.backlash(),
-            FaultKind::Mass => Ok(FaultEffect::Mass(self.factor()?)),
-            FaultKind::Stiffness => Ok(FaultEffect::Stiffness(self.factor()?)),
-            FaultKind::Damping => Ok(FaultEffect::Damping(self.number(
-                "value",
-                self.value(),
-                0.0..=Losses::MAX_DAMPING_N_S_M,
-            )?)),
+            FaultKind::Mass => self.leg(LegFault::Mass, FACTOR),
+            FaultKind::Stiffness => self.leg(LegFault::Stiffness, FACTOR),
+            FaultKind::Drag => self.leg(LegFault::Drag, 0.0..=10.0),
+            FaultKind::Gravity => self.leg(LegFault::Gravity, 0.5..=2.0),
+            FaultKind::Damping => self.leg(LegFault::Damping, 0.0..=Losses::MAX_DAMPING_N_S_M),
             FaultKind::FootMass => self.foot_mass(),
-            FaultKind::Friction => Ok(FaultEffect::Friction(self.number(
-                "value",
-                self.value(),
-                Losses::MIN_FRICTION..=Losses::MAX_FRICTION,
-            )?)),
-            FaultKind::DriveForce => Ok(FaultEffect::DriveForce(self.number(
-                "value",
-                self.value(),
-                0.0..=Losses::MAX_DRIVE_FORCE_N,
-            )?)),
+            FaultKind::Friction => {
+                self.leg(LegFault::Friction, Losses::MIN_FRICTION..=Losses::MAX_FRICTION)
+            }
+            FaultKind::DriveForce => {
+                self.leg(LegFault::DriveForce, 0.0..=Losses::MAX_DRIVE_FORCE_N)
+            }
             FaultKind::Ground => self.ground(),
             FaultKind::Medium => self.medium(),
         }
@@ -194,8 +190,12 @@ impl Checker<'_> {
         self.number("value", self.value(), SHARE)
     }
 
-    fn factor(&self) -> Result<f64, FaultError> {
-        self.number("value", self.value(), 0.1..=10.0)
+    fn leg(
+        &self,
+        fault: fn(f64) -> LegFault,
+        range: RangeInclusive<f64>,
+    ) -> Result<FaultEffect, FaultError> {
+        Ok(FaultEffect::Leg(fault(self.number("value", self.value(), range)?)))
     }
 
     fn saturate(&self) -> Result<FaultEffect, FaultError> {
@@ -230,7 +230,7 @@ impl Checker<'_> {
             let limit = format!("it must be 0 or a number from {least} to {most}");
             self.bad("value", self.value(), limit)
         })?;
-        Ok(FaultEffect::FootMass(kg))
+        Ok(FaultEffect::Leg(LegFault::FootMass(kg)))
     }
 
     fn chance(&self) -> Result<f64, FaultError> {

@@ -15,7 +15,7 @@ use crate::faults::stage::sensor::{
     ContactNoise, Dead, FaultyReadings, Reading, ReadingFault, SensorTarget, Stuck, StuckSwitch,
 };
 use crate::faults::stage::{FaultPipeline, FaultPlan, FaultRng, FaultStage, Window, WireMessage};
-use leg_plant::Losses;
+use leg_plant::{LegParameters, Losses};
 use serde::Serialize;
 
 pub use catalog::{FaultKind, help};
@@ -42,12 +42,7 @@ enum FaultEffect {
     Message { direction: Direction, fault: MessageFault, window: Window },
     Sensor { fault: SensorFault, window: Window },
     Actuator { fault: ActuatorFault, window: Window },
-    Mass(f64),
-    Stiffness(f64),
-    Damping(f64),
-    FootMass(f64),
-    Friction(f64),
-    DriveForce(f64),
+    Leg(LegFault),
     Ground(Terrain),
     Medium { density_ratio: f64, from: Trigger, until: Option<Trigger> },
 }
@@ -55,14 +50,32 @@ enum FaultEffect {
 impl FaultEffect {
     /// Returns true if a run can have only one fault of this kind.
     fn is_single(&self) -> bool {
-        matches!(
-            self,
-            Self::Damping(_)
-                | Self::FootMass(_)
-                | Self::Friction(_)
-                | Self::DriveForce(_)
-                | Self::Ground(_)
-        )
+        match self {
+            Self::Leg(fault) => !fault.multiplies(),
+            other => matches!(other, Self::Ground(_)),
+        }
+    }
+}
+
+/// How the simulated leg, or its gravity, differs from what the controller is configured for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum LegFault {
+    /// Factors.
+    Mass(f64),
+    Stiffness(f64),
+    Drag(f64),
+    Gravity(f64),
+    /// Losses that the model does not have, in N s/m, kg, 1 and N.
+    Damping(f64),
+    FootMass(f64),
+    Friction(f64),
+    DriveForce(f64),
+}
+
+impl LegFault {
+    /// Returns whether a run can have several of them, which multiply.
+    fn multiplies(self) -> bool {
+        matches!(self, Self::Mass(_) | Self::Stiffness(_) | Self::Drag(_))
     }
 }
 
@@ -184,12 +197,7 @@ impl Faults {
                     plan.commands.push(id, window, fault.stage(tick_s));
                 }
                 FaultEffect::Sensor { .. }
-                | FaultEffect::Mass(_)
-                | FaultEffect::Stiffness(_)
-                | FaultEffect::Damping(_)
-                | FaultEffect::FootMass(_)
-                | FaultEffect::Friction(_)
-                | FaultEffect::DriveForce(_)
+                | FaultEffect::Leg(_)
                 | FaultEffect::Ground(_)
                 | FaultEffect::Medium { .. } => (),
             }
@@ -197,24 +205,45 @@ impl Faults {
         plan
     }
 
-    /// Returns the factors of mass and stiffness by which the simulated leg differs from the
-    /// configured one.
-    pub(crate) fn leg_factors(&self) -> [f64; 2] {
-        self.all.iter().fold([1.0; 2], |[mass, stiffness], fault| match fault.effect {
-            FaultEffect::Mass(factor) => [mass * factor, stiffness],
-            FaultEffect::Stiffness(factor) => [mass, stiffness * factor],
-            _ => [mass, stiffness],
+    fn of_leg(&self) -> impl Iterator<Item = LegFault> {
+        self.all.iter().filter_map(|fault| match fault.effect {
+            FaultEffect::Leg(fault) => Some(fault),
+            _ => None,
         })
+    }
+
+    /// Changes the parameters of the configured leg to those of the simulated one.
+    pub(crate) fn change_leg(&self, leg: &mut LegParameters) {
+        for fault in self.of_leg() {
+            match fault {
+                LegFault::Mass(factor) => leg.mass_kg *= factor,
+                LegFault::Stiffness(factor) => leg.stiffness_n_m *= factor,
+                LegFault::Drag(factor) => {
+                    leg.drag_x *= factor;
+                    leg.drag_y *= factor;
+                }
+                _ => (),
+            }
+        }
+    }
+
+    /// Returns the gravity of the simulated leg over the configured one.
+    pub(crate) fn gravity_factor(&self) -> f64 {
+        let gravity = self.of_leg().find_map(|fault| match fault {
+            LegFault::Gravity(factor) => Some(factor),
+            _ => None,
+        });
+        gravity.unwrap_or(1.0)
     }
 
     /// Returns the losses of the simulated leg.
     pub(crate) fn losses(&self) -> Losses {
-        self.all.iter().fold(Losses::NONE, |losses, fault| {
-            let with = match fault.effect {
-                FaultEffect::Damping(n_s_m) => losses.with_damping(n_s_m),
-                FaultEffect::FootMass(kg) => losses.with_foot_mass(kg),
-                FaultEffect::Friction(coefficient) => losses.with_friction(coefficient),
-                FaultEffect::DriveForce(n) => losses.with_drive_force(n),
+        self.of_leg().fold(Losses::NONE, |losses, fault| {
+            let with = match fault {
+                LegFault::Damping(n_s_m) => losses.with_damping(n_s_m),
+                LegFault::FootMass(kg) => losses.with_foot_mass(kg),
+                LegFault::Friction(coefficient) => losses.with_friction(coefficient),
+                LegFault::DriveForce(n) => losses.with_drive_force(n),
                 _ => Ok(losses),
             };
             with.expect("checked with the settings, by the same limits")
@@ -257,12 +286,7 @@ impl Faults {
         let count = |(id, fault): (usize, &Fault)| FaultCount {
             fault: fault.setting.to_string(),
             touched: match fault.effect {
-                FaultEffect::Mass(_)
-                | FaultEffect::Stiffness(_)
-                | FaultEffect::Damping(_)
-                | FaultEffect::FootMass(_)
-                | FaultEffect::Friction(_)
-                | FaultEffect::DriveForce(_) => world.ticks,
+                FaultEffect::Leg(_) => world.ticks,
                 FaultEffect::Ground(_) => world.uneven_touchdowns,
                 FaultEffect::Medium { .. } => world.medium_ticks.get(id).copied().unwrap_or(0),
                 _ => sensors.count(id),

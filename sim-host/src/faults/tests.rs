@@ -111,6 +111,8 @@ fn an_invalid_fault_is_refused_with_the_valid_values() {
         ("backlash=2", ["backlash is 2", "from 0 to 1"]),
         ("backlash=0.1,field=knee", ["field is knee", "angle or elongation"]),
         ("mass=0", ["mass is 0", "from 0.1 to 10"]),
+        ("drag=-1", ["drag is -1", "from 0 to 10"]),
+        ("gravity=3", ["gravity is 3", "from 0.5 to 2"]),
         ("damping=1001", ["damping is 1001", "from 0 to 1000"]),
         ("foot-mass=0.0001", ["foot-mass is 0.0001", "0 or a number from 0.001 to 10"]),
         ("foot-mass=NaN", ["foot-mass is NaN", "0 or a number from 0.001 to 10"]),
@@ -127,6 +129,7 @@ fn an_invalid_fault_is_refused_with_the_valid_values() {
     }
     for (kind, values) in [
         ("ground", ["\"rough\"", "\"sine\""]),
+        ("gravity", ["0.8", "1.2"]),
         ("damping", ["50", "60.0"]),
         ("foot-mass", ["1", "2"]),
         ("friction", ["1", "2"]),
@@ -224,12 +227,32 @@ fn each_fault_has_its_own_count() {
 #[test]
 fn a_leg_fault_changes_the_simulated_leg_and_not_the_controllers_model() {
     let configured = scenario("");
-    let played = scenario("[[fault]]\nmass = 1.5\n[[fault]]\nstiffness = 0.5");
+    let played = scenario(
+        "[[fault]]\nmass = 1.5\n[[fault]]\nstiffness = 0.5\n[[fault]]\ndrag = 1.5\n\
+         [[fault]]\ngravity = 0.8",
+    );
     assert_eq!(played.leg_model(), configured.leg_model());
     assert_eq!(played.session_params(), configured.session_params());
-    let (mass_kg, stiffness_n_m) =
-        (played.played_leg().parameters().mass_kg, played.played_leg().parameters().stiffness_n_m);
-    assert_eq!((mass_kg, stiffness_n_m), (120.0, 10_000.0));
+    let (leg, model) = (*played.played_leg().parameters(), *configured.leg.parameters());
+    assert_eq!((leg.mass_kg, leg.stiffness_n_m), (120.0, 10_000.0));
+    assert_eq!((leg.drag_x, leg.drag_y), (1.5 * model.drag_x, 1.5 * model.drag_y));
+    assert_eq!(played.medium_at(0.0).gravity_m_s2(), 0.8 * configured.gravity_m_s2);
+    assert_eq!(played.controller_gravity_m_s2(), configured.controller_gravity_m_s2());
+    let fall = |scenario: &Scenario| {
+        let mut after_s = f64::INFINITY;
+        with_policy(|mut controller| {
+            let law = |sample: Option<&_>| controller.tick(sample);
+            let _ = stepped::run(scenario, law, Options::default(), |tick| {
+                if tick.phase != leg_plant::Phase::Flight {
+                    after_s = after_s.min(tick.t_s);
+                }
+            });
+        });
+        after_s
+    };
+    let slow = fall(&scenario(&format!("{SHORT}[[fault]]\ngravity = 0.64")));
+    let ratio = slow / fall(&scenario(SHORT));
+    assert!((ratio - 1.25).abs() < 0.01, "a fall under 0.64 g lasts {ratio} times as long");
     assert_eq!(configured.played_leg(), configured.leg);
 }
 

@@ -167,13 +167,11 @@ impl Scenario {
     }
 
     /// Returns the leg of the plant: that of the controller's configuration, unless a
-    /// fault changes its mass or stiffness.
+    /// fault changes its parameters.
     #[must_use]
     pub fn played_leg(&self) -> Leg {
-        let [mass, stiffness] = self.faults.leg_factors();
         let mut parameters = *self.leg.parameters();
-        parameters.mass_kg *= mass;
-        parameters.stiffness_n_m *= stiffness;
+        self.faults.change_leg(&mut parameters);
         Leg::new(parameters).unwrap_or(self.leg)
     }
 
@@ -190,9 +188,15 @@ impl Scenario {
         self.medium_of(self.density.at(x_m))
     }
 
-    /// Returns a medium with the scenario's gravity and a validated density.
+    /// Returns the gravity of the simulated leg, m/s2: the controller's unless a fault changes it.
+    #[must_use]
+    pub fn played_gravity_m_s2(&self) -> f64 {
+        self.gravity_m_s2 * self.faults.gravity_factor()
+    }
+
+    /// Returns a medium with the gravity of the simulated leg and a validated density.
     pub(crate) fn medium_of(&self, density_ratio: f64) -> Medium {
-        Medium::new(density_ratio, self.gravity_m_s2)
+        Medium::new(density_ratio, self.played_gravity_m_s2())
             .expect("densities between checked ones, and a checked gravity")
     }
 

@@ -258,7 +258,7 @@ impl<'a> Leg<'a> {
         self.world.ticks += 1;
         self.held_angle_rad = plant_command.leg_angle_rad;
         self.update_medium();
-        let fallen_m_s = -self.scenario.gravity_m_s2 * dt_s;
+        let fallen_m_s = -self.scenario.played_gravity_m_s2() * dt_s;
         self.sense([after.vx_m_s - body.vx_m_s, after.vy_m_s - body.vy_m_s - fallen_m_s]);
     }
 
@@ -334,7 +334,7 @@ impl<'a> Leg<'a> {
             pitch_rad: 0.0,
             pitch_rate_rad_s: 0.0,
             impulse_m_s,
-            gravity_m_s2: self.scenario.gravity_m_s2,
+            gravity_m_s2: self.scenario.played_gravity_m_s2(),
             density_ratio: self.medium.density_ratio(),
         };
         let mut sample = Sample { header: self.header(0), ..Sample::default() };

@@ -1,7 +1,8 @@
 //! The control law on an estimate.
 
 use super::*;
-use crate::estimator::StateNoise;
+use crate::estimator::{SensorNoise, StateNoise};
+use crate::measurement::{LegPosture, SpecificImpulse};
 
 fn config() -> Config {
     let noise = Estimation::StateChannels(StateNoise::default());
@@ -227,4 +228,48 @@ fn a_new_run_and_a_swap_keep_to_the_bits_of_a_fresh_controller() {
         assert_eq!(swapped.step(Some(&m), 0.5), fresh.step(Some(&m), 0.5));
     }
     assert!(!swapped.swap_is_pending());
+}
+
+/// The leg of [`bouncing`] that senses its acceleration and posture alone; the foot stays under the
+/// mass.
+fn sensed(tick: u64, has_encoders: bool) -> Measurement {
+    let m = bouncing(tick);
+    // The specific force is what changes the velocity beside gravity, from the start on.
+    let fallen_m_s = 9.81 * 1e-3 * tick as f32;
+    let counts = |m_s: f32| (f64::from(m_s) * 65_536.0) as i64 as i32;
+    let posture = LegPosture { length_m: m.y_m.min(1.0), angle_rad: core::f32::consts::FRAC_PI_2 };
+    Measurement {
+        vx_m_s: f32::NAN,
+        y_m: f32::NAN,
+        vy_m_s: f32::NAN,
+        sensors: Sensors {
+            impulse: Some(SpecificImpulse([0, counts(m.vy_m_s + fallen_m_s)])),
+            posture: has_encoders.then_some(posture),
+            ..Sensors::default()
+        },
+        ..m
+    }
+}
+
+#[test]
+fn a_lost_estimate_is_counted_and_ends_in_the_safe_command() {
+    let noise = SensorNoise { acceleration_bias_m_s2: 2.0, ..SensorNoise::default() };
+    let config = Config::at_rate(1_000).unwrap().with_estimation(Estimation::Inertial(noise));
+    let policy = Policy::parse(crate::policy::SHIPPED).unwrap();
+    let mut controller = Controller::new(policy, config.unwrap());
+    for tick in 0..6 * HOP_TICKS {
+        controller.step(Some(&sensed(tick, true)), 0.5);
+    }
+    assert_eq!(controller.counts().estimates_lost, 0);
+    assert!(controller.estimate().is_some() && controller.telemetry().apexes >= 4);
+    let mut lost_at = None;
+    for tick in 6 * HOP_TICKS..200 * HOP_TICKS {
+        let output = controller.step(Some(&sensed(tick, false)), 0.5);
+        if controller.counts().estimates_lost > 0 && lost_at.is_none() {
+            lost_at = Some(tick);
+            assert_eq!((output.command, output.status), (LegCommand::SAFE, Status::Safe));
+            assert_eq!(controller.estimate(), None);
+        }
+    }
+    assert!(lost_at.is_some(), "without encoders nothing tells the velocity for 200 s");
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector4;
 
-use crate::estimator::factor::{Correction, Factor, Innovation, Reading};
+use crate::estimator::factor::{Correction, Factor, Reading};
 
 /// So many readings in a row beyond the gate, and the states are wrong, not the readings.
 const GATED_IN_A_ROW: u8 = 10;
@@ -26,7 +26,7 @@ pub(super) struct Axis {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Use {
     /// It was used.
-    Taken(Innovation),
+    Taken(Correction),
     /// It was too far off.
     LeftOut,
     /// It was one of too many in a row that were too far off.
@@ -74,11 +74,17 @@ impl Axis {
     fn apply(&mut self, correction: Option<Correction>) -> Use {
         let Some(correction) = correction else { return self.leave_out() };
         self.gated_in_a_row = 0;
-        self.bias_m_s2 += correction.by.x;
-        self.parameter += correction.by.y;
-        self.velocity_m_s += correction.by.z;
-        self.position_m += correction.by.w;
-        Use::Taken(correction.innovation)
+        self.add(&correction.by());
+        Use::Taken(correction)
+    }
+
+    /// Adds a change of the states.
+    #[inline]
+    pub(super) fn add(&mut self, change: &Vector4<f32>) {
+        self.bias_m_s2 += change.x;
+        self.parameter += change.y;
+        self.velocity_m_s += change.z;
+        self.position_m += change.w;
     }
 
     #[inline(never)]

@@ -44,9 +44,11 @@ impl InertialFilter {
     }
 
     fn correct_vertically(&mut self, felt: &Felt) {
-        let Self { model, scales, horizontal, vertical, variances, .. } = self;
-        let &Felt { force_m_s2: [fx, fy], per_s } = felt;
-        let (vy_m_s, rho) = (vertical.velocity_m_s, vertical.parameter);
+        let Self { model, scales, horizontal, vertical, variances, scale_error, .. } = self;
+        let &Felt { force_m_s2: [fx, fy], over_s, per_s } = felt;
+        // The reading is the mean over some time: what it says is of the middle of it.
+        let gained_m_s = 0.5 * over_s * (fy - scales.gravity_m_s2 - vertical.bias_m_s2);
+        let (vy_m_s, rho) = (vertical.velocity_m_s - gained_m_s, vertical.parameter);
         let in_flight = scales.gravity_m_s2 + model.ay_m_s2(vy_m_s, rho);
         // What the line misses of the drag's square stays the same from tick to tick: it counts
         // like white noise of the same size over a second.
@@ -59,12 +61,15 @@ impl InertialFilter {
                 0.0,
             ),
             innovation: fy + horizontal.parameter * fx - in_flight - vertical.bias_m_s2,
-            variance: (scales.impulse_noise + bent * bent) * per_s + MODEL_VARIANCE,
+            variance: (scales.force_noise + bent * bent) * per_s + MODEL_VARIANCE,
         };
         // A mass that is not the model's would pass for a bias, and pull the velocity along:
         // stances alone tell the bias.
         match vertical.correct_all_but_bias(&reading) {
-            Use::Taken(innovation) => self.innovation = innovation,
+            Use::Taken(correction) => {
+                scale_error.follow_in_flight(&reading, &correction.gain, fy);
+                self.innovation = correction.innovation;
+            }
             Use::LeftOut => (),
             // Another medium.
             Use::Contradicts => vertical.factor.add_parameter_noise(FIRST_DENSITY[1]),
@@ -73,15 +78,16 @@ impl InertialFilter {
 
     fn correct_horizontally(&mut self, felt: &Felt) {
         let Self { model, scales, horizontal, vertical, .. } = self;
-        let &Felt { force_m_s2: [fx, fy], per_s } = felt;
-        let (vx_m_s, rho) = (horizontal.velocity_m_s, vertical.parameter);
+        let &Felt { force_m_s2: [fx, fy], over_s, per_s } = felt;
+        let gained_m_s = 0.5 * over_s * (fx - horizontal.bias_m_s2);
+        let (vx_m_s, rho) = (horizontal.velocity_m_s - gained_m_s, vertical.parameter);
         let by_density = model.ax_by_density(vx_m_s);
         let bent = rho * model.drag_x_1_m() * self.vx_variance;
         let lasting = by_density * by_density * self.variances.y + bent * bent;
         let reading = Reading {
             by_state: Vector4::new(1.0, fy, model.ax_by_vx(vx_m_s, rho), 0.0),
             innovation: fx - horizontal.parameter * fy - rho * by_density - horizontal.bias_m_s2,
-            variance: (scales.impulse_noise + lasting) * per_s + MODEL_VARIANCE,
+            variance: (scales.force_noise + lasting) * per_s + MODEL_VARIANCE,
         };
         if horizontal.correct(&reading) == Use::Contradicts {
             horizontal.factor.add_velocity_noise(FIRST_VELOCITY[1]);

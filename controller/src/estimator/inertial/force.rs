@@ -22,7 +22,8 @@ pub(super) struct Push {
 pub(super) struct Felt {
     /// Mean specific force since the reading before, m/s2: horizontal, vertical.
     pub(super) force_m_s2: [f32; 2],
-    /// One over the time since the reading before, 1/s.
+    /// The time since the reading before, s, and one over it.
+    pub(super) over_s: f32,
     pub(super) per_s: f32,
 }
 
@@ -30,7 +31,11 @@ impl Felt {
     /// Returns the mean of this reading and the one before it.
     pub(super) fn mean_with(&self, before: &Self) -> Self {
         let ([x, y], [x0, y0]) = (self.force_m_s2, before.force_m_s2);
-        Self { force_m_s2: [0.5 * (x + x0), 0.5 * (y + y0)], per_s: 0.5 * self.per_s }
+        Self {
+            force_m_s2: [0.5 * (x + x0), 0.5 * (y + y0)],
+            over_s: self.over_s + before.over_s,
+            per_s: 0.5 * self.per_s,
+        }
     }
 }
 
@@ -53,9 +58,15 @@ impl ForceMeter {
         self.axis
     }
 
-    /// Takes the readings `dt_s` after the last ones; returns none where the accelerometer is
-    /// dead, or has not begun.
-    pub(super) fn push(&mut self, sensors: &Sensors, usable: Channels, dt_s: f32) -> Option<Push> {
+    /// Takes the readings `dt_s` after the last ones, of an accelerometer with this scale error
+    /// along y; returns none where it is dead, or has not begun.
+    pub(super) fn push(
+        &mut self,
+        sensors: &Sensors,
+        usable: Channels,
+        scale_error: f32,
+        dt_s: f32,
+    ) -> Option<Push> {
         let pitch_rad = sensors.pitch_rad.filter(|_| usable.has(Channels::PITCH));
         if let Some(pitch_rad) = pitch_rad {
             // The pitch in the middle of the tick turns the impulse of the tick.
@@ -77,13 +88,14 @@ impl ForceMeter {
             return None;
         }
         let [x, y] = reading.since(last);
+        let y = y - scale_error * y;
         let [cosine, sine] = self.axis;
         let level = [cosine * x - sine * y, sine * x + cosine * y];
         let per_s = 1.0 / over_s;
         self.force_m_s2 = level.map(|impulse| impulse * per_s);
         let [assumed_x, assumed_y] = core::mem::take(&mut self.assumed_m_s);
         let [x, y] = level;
-        let felt = Some(Felt { force_m_s2: self.force_m_s2, per_s });
+        let felt = Some(Felt { force_m_s2: self.force_m_s2, over_s, per_s });
         Some(Push { impulse_m_s: [x - assumed_x, y - assumed_y], felt })
     }
 

@@ -33,7 +33,7 @@
 //! Where a sensor is missing, the rest carries on: without an accelerometer the flight follows
 //! its model, and stance is a random walk under the encoders; without encoders the accelerometer
 //! carries the state from flight to flight, and less and less certainly. When a velocity or the
-//! height is uncertain by more than [`LOST`], or the state contradicts the encoders in one
+//! height is uncertain by more than [`LOST`], or the height contradicts the encoders in one
 //! stance after another, there is no estimate any more, and the leg gets the safe command.
 
 mod axis;
@@ -42,6 +42,7 @@ mod force;
 mod history;
 mod phase;
 mod predict;
+mod scale_error;
 mod scales;
 mod slow;
 mod stance;
@@ -49,18 +50,19 @@ mod stance;
 use nalgebra::Vector4;
 
 use super::contact::{ContactFilter, Edge};
-use super::factor::Innovation;
+use super::factor::{Innovation, Reading};
 use super::model::{Flight, FlightModel};
 use super::sensor_noise::SensorNoise;
 use super::tracker::ApexTracker;
-use super::{Estimate, Events};
-use crate::gait::Apex;
-use crate::guard::Channels;
+use super::{Estimate, Events, Filter};
+use crate::gait::{Apex, Gait};
+use crate::guard::{Channels, Trusted};
 use crate::leg::LegModel;
 use crate::measurement::Measurement;
-use axis::Axis;
+use axis::{Axis, Use};
 use force::{Felt, ForceMeter};
 use history::{History, Motion};
+use scale_error::ScaleError;
 use scales::Scales;
 
 /// Velocity, m/s, and height over the foothold, in rest lengths, at the start, with their
@@ -94,6 +96,7 @@ pub(crate) struct InertialFilter {
     density_is_known: bool,
     horizontal: Axis,
     vertical: Axis,
+    scale_error: ScaleError,
     /// Variance of the horizontal velocity, m2/s2, and those of the states along y, at the last
     /// measurement.
     vx_variance: f32,
@@ -117,11 +120,36 @@ pub(crate) struct InertialFilter {
     landed_ns: u64,
     /// Pressure, Pa, and height, m, at the first reading of this flight, and its time, ns.
     first_pressure: Option<(f32, f32, u64)>,
+    /// Whether the leg was clearly shorter than at rest, or its length unknown.
+    is_pressed: bool,
     /// Time for which nothing but the medium has pushed the mass, s.
     falls_for_s: f32,
-    /// Whether this stance contradicts the state, and how many in a row did.
+    /// Whether this stance contradicts the state along y, and how many in a row did.
     contradicts: bool,
     contradictions: u8,
+}
+
+impl Filter for InertialFilter {
+    fn has_begun(&self) -> bool {
+        self.has_begun
+    }
+
+    #[inline]
+    fn update(&mut self, measurement: &Trusted<'_>, gait: &Gait) -> Option<Events> {
+        let (m, usable) = (measurement.measurement(), measurement.usable());
+        self.take(m, usable, gait.rest_m(m.t_ns), gait.touchdown_y_m())
+    }
+
+    fn density_ratio(&self) -> f32 {
+        self.vertical.parameter
+    }
+
+    fn apex(&self) -> Option<Apex> {
+        let [vx_m_s, y_m, vy_m_s] = self.motion();
+        let density_ratio = self.density_ratio();
+        let apex = self.model.at_apex(Flight { vx_m_s, y_m, vy_m_s, density_ratio })?;
+        Some(Apex { vx_m_s: apex.vx_m_s, y_m: apex.y_m })
+    }
 }
 
 impl InertialFilter {
@@ -146,6 +174,7 @@ impl InertialFilter {
             density_is_known: false,
             horizontal: Axis::new([bias, tilt, velocity, [0.0, 1.0]]),
             vertical: Axis::new([bias, FIRST_DENSITY, velocity, [height[0], square(height[1])]]),
+            scale_error: ScaleError::new(noise.acceleration_scale),
             vx_variance: velocity[1],
             variances: Vector4::new(bias[1], FIRST_DENSITY[1], velocity[1], square(height[1])),
             force: ForceMeter::default(),
@@ -160,6 +189,7 @@ impl InertialFilter {
             has_slow_sensors: false,
             landed_ns: 0,
             first_pressure: None,
+            is_pressed: true,
             falls_for_s: 0.0,
             contradicts: false,
             contradictions: 0,
@@ -172,16 +202,11 @@ impl InertialFilter {
         self.scales = Scales::new(leg, gravity_m_s2, &self.noise);
     }
 
-    /// Returns whether there is an estimate.
-    pub(crate) fn has_begun(&self) -> bool {
-        self.has_begun
-    }
-
     /// Takes a measurement of a leg whose rest length, elongation included, is `rest_m`, and
     /// which would touch down at a height of `touchdown_y_m`. Returns none while there is no
     /// estimate: at the first measurement, or when the state is lost.
     #[inline]
-    pub(crate) fn update(
+    fn take(
         &mut self,
         measurement: &Measurement,
         usable: Channels,
@@ -193,7 +218,7 @@ impl InertialFilter {
         let dt_s =
             self.t_ns.map_or(0.0, |before_ns| 1e-9 * t_ns.saturating_sub(before_ns) as u32 as f32);
         self.t_ns = Some(t_ns);
-        let push = self.force.push(&measurement.sensors, usable, dt_s);
+        let push = self.force.push(&measurement.sensors, usable, self.scale_error.value, dt_s);
         if !self.has_begun {
             self.has_begun = true;
             return None;
@@ -212,6 +237,8 @@ impl InertialFilter {
         self.vx_variance = self.horizontal.factor.velocity_variance();
         self.variances = self.vertical.factor.variances();
         let shortened_m = posture.map(|posture| rest_m - posture.length_m);
+        let pressed_from_m = SURELY_LOADED * self.scales.rest_length_m;
+        self.is_pressed = shortened_m.is_none_or(|m| m > pressed_from_m);
         let by_contact = self.loaded_by_contact(measurement.contact, usable, rest_m);
         let is_loaded = self.is_loaded(by_contact, shortened_m, excess_m_s2, dt_s);
         let events = self.find_events(t_ns, is_loaded, touchdown_y_m, posture);
@@ -225,7 +252,8 @@ impl InertialFilter {
     pub(crate) fn estimate(&self) -> Option<Estimate> {
         let t_ns = self.t_ns.filter(|_| self.has_begun)?;
         let Self { horizontal, vertical, innovation, .. } = self;
-        let (x, y) = (horizontal.factor.variances(), vertical.factor.variances());
+        let x = horizontal.factor.variances();
+        let y = vertical.factor.variances() + self.scale_error.variances();
         (horizontal.is_finite() && vertical.is_finite()).then_some(Estimate {
             t_ns,
             in_stance: self.in_stance(),
@@ -241,29 +269,25 @@ impl InertialFilter {
         })
     }
 
+    /// Corrects the states along y, and the scale error with them.
+    #[inline]
+    fn correct_vertical(&mut self, reading: &Reading) -> Use {
+        let use_of_it = self.vertical.correct(reading);
+        if let Use::Taken(correction) = &use_of_it {
+            self.scale_error.correct(reading, correction, &mut self.vertical);
+        }
+        use_of_it
+    }
+
     /// Returns horizontal velocity, height and vertical velocity, m/s and m.
     fn motion(&self) -> [f32; 3] {
         let Self { horizontal, vertical, .. } = self;
         [horizontal.velocity_m_s, vertical.position_m, vertical.velocity_m_s]
     }
 
-    /// Returns the density ratio; not clamped to any range.
-    pub(crate) fn density_ratio(&self) -> f32 {
-        self.vertical.parameter
-    }
-
     /// Returns the vertical acceleration in flight, m/s2.
     fn ay_m_s2(&self) -> f32 {
         self.model.ay_m_s2(self.vertical.velocity_m_s, self.vertical.parameter)
-    }
-
-    /// Returns the apex of this flight, behind or ahead; none where the model does not lead
-    /// to one within a second.
-    pub(crate) fn apex(&self) -> Option<Apex> {
-        let [vx_m_s, y_m, vy_m_s] = self.motion();
-        let density_ratio = self.density_ratio();
-        let apex = self.model.at_apex(Flight { vx_m_s, y_m, vy_m_s, density_ratio })?;
-        Some(Apex { vx_m_s: apex.vx_m_s, y_m: apex.y_m })
     }
 
     /// Returns whether the foot is on the ground.

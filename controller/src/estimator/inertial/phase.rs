@@ -117,8 +117,9 @@ impl InertialFilter {
         // Heights before and after are over different footholds.
         self.landed_ns = edge.until_ns;
         let stretch = posture.map(|posture| self.stretch(posture));
-        let Self { horizontal, vertical, .. } = self;
+        let Self { horizontal, vertical, scale_error, .. } = self;
         let tilt = horizontal.parameter;
+        scale_error.renew_position();
         if let Some(Stretch { x_m, y_m, x_variance, y_variance }) = stretch {
             horizontal.renew_position(x_m - tilt * y_m, -y_m, x_variance);
             vertical.renew_position(y_m + tilt * x_m, 0.0, y_variance);

@@ -5,8 +5,6 @@ use crate::leg::{LegModel, WATER_DENSITY_KG_M3};
 
 /// Process noise of the velocities beside that of the accelerometer, m2/s3: its scale.
 pub(super) const VELOCITY_NOISE: f32 = 0.02 * 0.02;
-/// Time over which a scale error of the accelerometer stays the same, s: a stance.
-const SCALE_MEMORY_S: f32 = 0.1;
 /// Deviation of the height of the ground between foothold and mass, m.
 pub(super) const GROUND_M: f32 = 0.1;
 
@@ -15,10 +13,10 @@ pub(super) const GROUND_M: f32 = 0.1;
 pub(super) struct Scales {
     pub(super) gravity_m_s2: f32,
     pub(super) rest_length_m: f32,
-    /// Variance of an impulse over a second, m2/s3.
+    /// Variance of an impulse over a second, m2/s3, by the accelerometer's noise alone.
+    pub(super) force_noise: f32,
+    /// The same with what else moves the velocity.
     pub(super) impulse_noise: f32,
-    /// Variance of an impulse over its square, 1/s: its scale error.
-    pub(super) scale_noise: f32,
     pub(super) bias_noise: f32,
     pub(super) tilt_noise: f32,
     pub(super) clips_from_m_s2: f32,
@@ -39,8 +37,8 @@ impl Scales {
         Self {
             gravity_m_s2,
             rest_length_m: leg.rest_length_m,
+            force_noise: square(noise.acceleration_density),
             impulse_noise: square(noise.acceleration_density) + VELOCITY_NOISE * 1e-3,
-            scale_noise: SCALE_MEMORY_S * square(noise.acceleration_scale),
             bias_noise: square(noise.bias_walk),
             tilt_noise: square(noise.pitch_walk),
             clips_from_m_s2: 0.99 * noise.acceleration_range_m_s2,

@@ -55,13 +55,12 @@ impl InertialFilter {
         let Some(then) = self.history.before(self.motion_now(t_ns), reading.age_ns) else { return };
         let before = [self.horizontal.velocity_m_s, self.vertical.velocity_m_s];
         let ([x, y], variance) = (reading.value, self.scales.velocity_variance);
-        for (axis, innovation) in
-            [(&mut self.horizontal, x - then.vx_m_s), (&mut self.vertical, y - then.vy_m_s)]
-        {
-            let reading = Reading { by_state: VELOCITY, innovation, variance };
-            if axis.correct(&reading) == Use::Contradicts {
-                axis.factor.add_velocity_noise(FIRST_VELOCITY[1]);
-            }
+        let of = |innovation| Reading { by_state: VELOCITY, innovation, variance };
+        if self.horizontal.correct(&of(x - then.vx_m_s)) == Use::Contradicts {
+            self.horizontal.factor.add_velocity_noise(FIRST_VELOCITY[1]);
+        }
+        if self.correct_vertical(&of(y - then.vy_m_s)) == Use::Contradicts {
+            self.vertical.factor.add_velocity_noise(FIRST_VELOCITY[1]);
         }
         let [vx, vy] = before;
         self.history.shift([self.horizontal.velocity_m_s - vx, self.vertical.velocity_m_s - vy]);
@@ -76,8 +75,9 @@ impl InertialFilter {
         let innovation = reading.value - then.y_m;
         let variance = self.scales.height_variance;
         let reading = Reading { by_state: POSITION, innovation, variance };
-        if self.vertical.correct(&reading) == Use::Contradicts {
+        if self.correct_vertical(&reading) == Use::Contradicts {
             self.vertical.renew_position(reading.innovation + then.y_m, 0.0, variance);
+            self.scale_error.renew_position();
         }
     }
 
@@ -92,7 +92,7 @@ impl InertialFilter {
             self.first_pressure = Some((reading.value, then.y_m, then.t_ns));
             return;
         };
-        let Self { scales, vertical, .. } = self;
+        let Self { scales, vertical, .. } = &*self;
         let rho = vertical.parameter;
         let risen_m = then.y_m - first_y_m;
         let since_s = 1e-9 * then.t_ns.saturating_sub(first_ns) as u32 as f32;
@@ -104,7 +104,7 @@ impl InertialFilter {
             variance: scales.pressure_variance + shore_m * shore_m,
         };
         // One that is far off tells of the medium, which the accelerometer feels better.
-        let _ = vertical.correct(&reading);
+        let _ = self.correct_vertical(&reading);
     }
 
     #[inline(never)]
@@ -114,7 +114,7 @@ impl InertialFilter {
             innovation: density_ratio - self.vertical.parameter,
             variance: MEASURED_DENSITY_VARIANCE,
         };
-        if self.vertical.correct(&reading) == Use::Contradicts {
+        if self.correct_vertical(&reading) == Use::Contradicts {
             self.vertical.factor.add_parameter_noise(FIRST_DENSITY[1]);
         }
     }

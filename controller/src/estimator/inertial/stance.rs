@@ -15,6 +15,10 @@ const LEAST_VARIANCE: f32 = 1e-8;
 /// certain.
 const BEARS_G: f32 = 0.4;
 
+/// Deviation of a vertical acceleration that the model may be wrong by where the state contradicts
+/// the encoders, as by another gravity, m/s2: the bias takes it.
+const WRONG_MODEL_M_S2: f32 = 1.0;
+
 /// The leg by its encoders, in the axes of the orientation that is read.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Stretch {
@@ -65,42 +69,43 @@ impl InertialFilter {
         }
         let stretch = self.stretch(posture);
         let Stretch { x_m, y_m, x_variance, y_variance } = stretch;
-        let Self { horizontal, vertical, .. } = self;
-        let tilt = horizontal.parameter;
+        let tilt = self.horizontal.parameter;
         self.is_turn_of_y = !self.is_turn_of_y;
         let use_of_it = if self.is_turn_of_y {
-            vertical.correct(&Reading {
+            self.correct_vertical(&Reading {
                 by_state: POSITION,
-                innovation: y_m + tilt * x_m - vertical.position_m,
+                innovation: y_m + tilt * x_m - self.vertical.position_m,
                 variance: y_variance,
             })
         } else {
-            horizontal.correct(&Reading {
+            self.horizontal.correct(&Reading {
                 by_state: Vector4::new(0.0, y_m, 0.0, 1.0),
-                innovation: x_m - tilt * y_m - horizontal.position_m,
+                innovation: x_m - tilt * y_m - self.horizontal.position_m,
                 variance: x_variance,
             })
         };
         if use_of_it == Use::Contradicts {
-            self.contradict(&stretch);
+            self.reopen(&stretch);
         }
     }
 
-    /// Opens the state where it contradicts the encoders: the foot slips, or the state is
-    /// wrong.
+    /// Opens the states of the axis along which they contradict the encoders. Along x a foot that
+    /// slips does that; along y the states are wrong, or the model is.
     #[inline(never)]
-    fn contradict(&mut self, stretch: &Stretch) {
-        let Self { horizontal, vertical, .. } = self;
+    fn reopen(&mut self, stretch: &Stretch) {
+        let Self { horizontal, vertical, scale_error, .. } = self;
+        let &Stretch { x_m, y_m, x_variance, y_variance } = stretch;
         let tilt = horizontal.parameter;
-        horizontal.renew_position(
-            stretch.x_m - tilt * stretch.y_m,
-            -stretch.y_m,
-            stretch.x_variance,
-        );
-        vertical.renew_position(stretch.y_m + tilt * stretch.x_m, 0.0, stretch.y_variance);
         let variance = FIRST_VELOCITY[1] * FIRST_VELOCITY[1];
-        horizontal.factor.add_velocity_noise(variance);
-        vertical.factor.add_velocity_noise(variance);
-        self.contradicts = true;
+        if self.is_turn_of_y {
+            vertical.renew_position(y_m + tilt * x_m, 0.0, y_variance);
+            vertical.factor.add_velocity_noise(variance);
+            vertical.factor.add_bias_noise(WRONG_MODEL_M_S2 * WRONG_MODEL_M_S2);
+            scale_error.renew_position();
+            self.contradicts = true;
+        } else {
+            horizontal.renew_position(x_m - tilt * y_m, -y_m, x_variance);
+            horizontal.factor.add_velocity_noise(variance);
+        }
     }
 }
