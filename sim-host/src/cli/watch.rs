@@ -24,7 +24,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
             "{}; `sim-host run --record FILE` and `sim-host plot` need none",
             WatchError::NoTerminal
         ))),
-        Err(error @ WatchError::Connect(_)) => Err(misuse(error)),
+        Err(error @ (WatchError::Connect(_) | WatchError::PlainTerminal(_))) => Err(misuse(error)),
         Err(error) => Err(error.into()),
     }
 }

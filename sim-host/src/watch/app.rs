@@ -31,10 +31,19 @@ pub enum WatchError {
     /// Standard input or output is not a terminal.
     #[error("the live view needs a terminal, but standard input or output is not one")]
     NoTerminal,
+    /// The terminal cannot place text.
+    #[error(
+        "the live view draws over the screen, which the terminal `{0}` (TERM) cannot; use another \
+         terminal, such as TERM=xterm-256color where it is one"
+    )]
+    PlainTerminal(String),
     /// Reading from or drawing to the terminal failed.
     #[error("the terminal failed: {0}")]
     Terminal(#[from] io::Error),
 }
+
+/// Values of TERM for terminals that print line by line.
+const PLAIN_TERMINALS: [&str; 2] = ["dumb", "unknown"];
 
 /// Shows `domain` until the user leaves or a signal arrives.
 ///
@@ -44,6 +53,12 @@ pub fn run(domain: &str) -> Result<(), WatchError> {
     let mut feed = Feed::begin(domain)?;
     if !(io::stdout().is_terminal() && io::stdin().is_terminal()) {
         return Err(WatchError::NoTerminal);
+    }
+    // Without TERM a terminal may still be able to, as crossterm writes the usual sequences.
+    if let Ok(term) = std::env::var("TERM")
+        && PLAIN_TERMINALS.contains(&term.as_str())
+    {
+        return Err(WatchError::PlainTerminal(term));
     }
     let stop = Stop::on_signals()?;
     // Also installs a panic hook that restores the terminal.

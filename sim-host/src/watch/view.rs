@@ -235,12 +235,29 @@ fn draw_values(frame: &mut Frame<'_>, area: Rect, scene: &Scene) {
         .ratio(if estimate.is_finite() { estimate.clamp(0.0, 1.0) } else { 0.0 })
         .label(format!("{estimate:.3}"));
     frame.render_widget(gauge, density);
-    let panel =
-        |lines, title| Paragraph::new::<Vec<Line<'_>>>(lines).block(Block::bordered().title(title));
-    frame.render_widget(panel(of_leg, " leg "), leg);
-    frame.render_widget(panel(of_controller, " controller "), controller);
+    let panel = |lines: Vec<Line<'static>>, title, area: Rect, has_trips| {
+        let hidden = hidden(lines.len(), area, has_trips);
+        let block = Block::bordered().title(title).title_bottom(Line::from(hidden).fg(ALARM));
+        Paragraph::new(lines).block(block)
+    };
+    let is_lock_step = scene.leg.as_ref().is_some_and(|leg| leg.time_mode == TimeMode::LockStep);
+    let has_trips = trips_height > 0 || !is_lock_step;
+    frame.render_widget(panel(of_leg, " leg ", leg, true), leg);
+    let of_controller = panel(of_controller, " controller ", controller, has_trips);
+    frame.render_widget(of_controller, controller);
     if trips_height > 0 {
         times::draw_round_trips(frame, trips, scene);
+    }
+}
+
+/// Returns a note of what has no room: rows of a panel of this size, and the round trips.
+fn hidden(lines: usize, area: Rect, has_trips: bool) -> String {
+    let rows = lines.saturating_sub(usize::from(area.height.saturating_sub(2)));
+    match (rows, has_trips) {
+        (0, true) => String::new(),
+        (0, false) => " round trips hidden ".to_owned(),
+        (rows, true) => format!(" {rows} more rows hidden "),
+        (rows, false) => format!(" {rows} more rows, round trips hidden "),
     }
 }
 
@@ -248,6 +265,8 @@ fn draw_values(frame: &mut Frame<'_>, area: Rect, scene: &Scene) {
 fn row(name: &'static str, value: &str) -> Line<'static> {
     let room = usize::from(VALUES_WIDTH) - 2 - NAME_WIDTH;
     let value = cut(value, room);
+    // Even a name that is too long keeps its distance.
+    let name = cut(name, NAME_WIDTH - 1);
     Line::from(vec![Span::from(format!("{name:<NAME_WIDTH$}")).dim(), Span::from(value)])
 }
 

@@ -186,3 +186,14 @@ fn rejects_a_missing_terminal_and_an_invalid_name() {
         .end()
         .assert(2, &["a/b", "is not a valid domain name"]);
 }
+
+#[test]
+fn refuses_a_terminal_that_prints_line_by_line() {
+    let place = Place::new();
+    for term in ["dumb", "unknown"] {
+        let mut watch = Watch::begin_after(&place, &format!("export TERM={term};"));
+        watch.wait_for(&format!("the terminal `{term}` (TERM) cannot; use another"));
+        assert_eq!(watch.script.wait().expect("wait").code(), Some(2));
+        assert!(!watch.screen.lock().unwrap().contains('\u{1b}'), "nothing is drawn");
+    }
+}

@@ -71,6 +71,10 @@ pub(super) fn node(session: &Session, name: &str) -> Result<Node<Ipc>, String> {
         .map_err(text)
 }
 
+/// Most messages that a reader holds at once: the last one while it receives the next, as the
+/// usual loop of a program in Python does.
+const MAX_BORROWED: usize = 2;
+
 /// Opens the service that transports messages of type `T`, or creates it.
 fn service<T: Message>(node: &Node<Ipc>) -> Result<Service<T>, String> {
     node.service_builder(&T::SERVICE.try_into().map_err(text)?)
@@ -79,7 +83,7 @@ fn service<T: Message>(node: &Node<Ipc>) -> Result<Service<T>, String> {
         .max_subscribers(MAX_READERS)
         .max_nodes(MAX_NODES)
         .subscriber_max_buffer_size(1)
-        .subscriber_max_borrowed_samples(1)
+        .subscriber_max_borrowed_samples(MAX_BORROWED)
         .history_size(0)
         .enable_safe_overflow(true)
         .open_or_create()

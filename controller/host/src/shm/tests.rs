@@ -9,10 +9,11 @@ use leg_process::Stop;
 
 use super::error::disagreement;
 use super::hello::{Channel, Hello, Line, SOCKET};
+use super::payload::{Message, Payload};
 use super::service::{Ports, node};
 use super::*;
 use crate::discovery::{Domain, Session};
-use crate::link::{Role, SessionParams, TimeMode};
+use crate::link::{Link, Role, SessionParams, TimeMode};
 use crate::socket::SocketFile;
 
 const SHORT: Duration = Duration::from_millis(50);
@@ -288,4 +289,31 @@ fn the_wait_for_a_peer_ends_at_its_timeout_or_when_given_up_or_stopped() {
     stop.raise();
     let stopped = ShmLeg::connect(&domain, params, LONG, &stop);
     assert!(matches!(stopped, Err(ConnectError::Stopped(Role::Controller))));
+}
+
+/// A loop in Python holds its message until it has received the next.
+#[test]
+fn a_reader_may_hold_a_message_while_it_receives_the_next() {
+    let dir = tempfile::tempdir().unwrap();
+    let domain = domain(&dir);
+    let params = SessionParams::at(1000);
+    let (mut leg, _controller) = std::thread::scope(|scope| {
+        let leg = scope.spawn(|| ShmLeg::connect(&domain, params, LONG, &Stop::default()));
+        let controller = ShmController::connect(&domain, params, LONG, &Stop::default());
+        (leg.join().unwrap().unwrap(), controller.unwrap())
+    });
+    let node = node(&Session::current(&domain).unwrap(), "reader").unwrap();
+    let service = node.service_builder(&Sample::SERVICE.try_into().unwrap());
+    let service = service.publish_subscribe::<Payload<Sample>>().open().unwrap();
+    let reader = service.subscriber_builder().create().unwrap();
+    let mut send = |seq| {
+        let mut sample = Sample::default();
+        sample.header.seq = seq;
+        leg.send(&sample).unwrap();
+    };
+    send(1);
+    let held = reader.receive().unwrap().unwrap();
+    send(2);
+    let next = reader.receive().expect("a second one").unwrap();
+    assert_eq!((held.0.header.seq, next.0.header.seq), (1, 2));
 }

@@ -249,6 +249,7 @@ fn draws_every_value_and_whole_titles_at_usual_sizes() {
         let text = text(&drawn(&lock_step, width, height));
         let title = "┌ round trip p50 <1 ms p99 <1 ms ";
         assert_eq!(text.contains(title), height > 24, "{text}");
+        assert_eq!(text.contains("└ round trips hidden "), height == 24, "{text}");
     }
 
     // A message is not cut, and a long domain is.
@@ -261,6 +262,32 @@ fn draws_every_value_and_whole_titles_at_usual_sizes() {
         text.contains("longlonglonglongl…leg✔controller✔") && text.contains("SAFESTATE"),
         "{text}"
     );
+}
+
+#[test]
+fn announces_the_rows_that_have_no_room() {
+    let mut scene = hopping(3);
+    scene.controller = Some(controller(None));
+    // Of the nine rows of the controller and the frame of its panel.
+    let whole = text(&drawn(&scene, 80, 24));
+    assert!(!whole.contains("more rows hidden") && whole.contains("legs gone"), "{whole}");
+    for (height, hidden) in [(22, 2), (20, 4)] {
+        let text = text(&drawn(&scene, 80, height));
+        let note = format!("└ {hidden} more rows, round trips hidden ─");
+        assert!(text.contains(&note) && !text.contains("legs gone"), "{text}");
+    }
+}
+
+#[test]
+fn a_name_never_touches_its_value_and_a_title_is_whole() {
+    let text = row("a name without an end", "423").to_string();
+    assert_eq!(text, "a name witho… 423".replace("witho…", "with…"));
+    let mut scene = hopping(3);
+    let mut leg = scene.leg.take().unwrap();
+    leg.round_trips = (0..BUCKETS as u32).map(|i| u32::from(i == 0)).collect();
+    scene.leg = Some(leg);
+    let text = super::tests::text(&drawn(&scene, 120, 40));
+    assert!(text.contains(" trip p50 <0.25 us p99 <0.25 us "), "{text}");
 }
 
 #[test]

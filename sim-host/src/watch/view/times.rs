@@ -31,12 +31,21 @@ pub(super) fn draw_round_trips(frame: &mut Frame<'_>, area: Rect, scene: &Scene)
     let of = |quantile: f64| upper_end_us(&leg.round_trips, quantile);
     let title = match (of(0.5), of(0.99)) {
         (Some(half), Some(most)) => {
-            format!(" round trip p50 <{} p99 <{} ", short(half), short(most))
+            round_trip_title(&short(half), &short(most), block.inner(area).width)
         }
         _ => " round trips ".to_owned(),
     };
     let bars = leg.round_trips.iter().map(|&count| (count.into(), PUSH));
     frame.render_widget(sparkline(bars, block.inner(area).width).block(block.title(title)), area);
+}
+
+/// Returns a title with two quantiles that fits in `width` columns, in fewer words if it must.
+fn round_trip_title(half: &str, most: &str, width: u16) -> String {
+    let long = format!(" round trip p50 <{half} p99 <{most} ");
+    if long.chars().count() <= usize::from(width) {
+        return long;
+    }
+    format!(" trip p50 <{half} p99 <{most} ")
 }
 
 /// Formats a time in as few digits as the end of a bar needs.
