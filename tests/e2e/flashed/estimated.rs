@@ -1,6 +1,7 @@
 //! Host and firmware return the same commands, bit for bit, with either state estimator: under
 //! faults of every kind, with every sensor there is, and where the estimate is lost.
 
+use leg_control::estimator::SensorNoise;
 use leg_control::serial::message::{Estimator, Request, RequestError, SessionParams};
 use leg_control::wire::flags;
 use leg_host::serial::client::{ClientError, IDENTIFY_TIMEOUT};
@@ -109,8 +110,14 @@ const NOT_A_NUMBER: [&str; 7] = [
     "nan=0.02,field=pressure",
 ];
 
+/// Noise density that is stated of the accelerometer, m/s2 per root hertz: after a second without
+/// another sensor a velocity is uncertain by more than 2 m/s.
+const POOR_DENSITY: f32 = 2.0;
+
 /// What happens to the sensors and the medium, one after the other.
-const EVENTS: [&[&str]; 4] = [
+const EVENTS: [&[&str]; 5] = [
+    // The accelerometer alone, which is stated to be poor: a long flight loses the estimate.
+    &["dead=velocity,at=0s", "dead=height,at=0s", "dead=pressure,at=0s"],
     &NOT_A_NUMBER,
     // Nothing is sensed any more but contact, and everything again later.
     &[
@@ -184,7 +191,10 @@ fn host_and_firmware_agree_with_the_estimator_for_raw_sensors_under_faults_of_ev
         scenario(&own.over(Settings { seed: Some(run), ..harsh.clone() }))
     };
     let estimator = with_events(1, wanted).estimator.expect("that for raw sensors");
-    assert!(matches!(estimator, Estimator::Inertial { .. }), "{estimator:?}");
+    let Estimator::Inertial { figures } = estimator else { panic!("{estimator:?}") };
+    let mut noise = SensorNoise::from_figures(figures);
+    noise.acceleration_density = POOR_DENSITY;
+    let estimator = Estimator::Inertial { figures: noise.figures() };
     let counts = compare(&mut start(estimator), wanted, with_events);
     assert_covered(&counts);
     assert!(counts.lost >= 1 && counts.recovered >= 1, "{counts:?}");
