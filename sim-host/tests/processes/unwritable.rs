@@ -72,7 +72,13 @@ fn records_into_a_mounted_file_and_refuses_a_read_only_one_before_the_run() {
     let refused = place.start_with_mounts(&read_only, &record).end();
     refused.assert(2, &["cannot record to", "inside.mcap", "Read-only file system"]);
     assert_eq!(refused.out, "", "the run has not started");
-    let plot = ["plot", text(&outside), "-o", text(&inside)];
+    let copy = place.file("copy.mcap");
+    fs::copy(&outside, &copy).unwrap();
+    let plot = ["plot", text(&copy), "-o", text(&inside)];
     let refused = place.start_with_mounts(&read_only, &plot).end();
     refused.assert(1, &["cannot write", "inside.mcap", "Read-only file system"]);
+    // By way of the mount, both names are those of one file.
+    let plot = ["plot", text(&outside), "-o", text(&inside)];
+    let refused = place.start_with_mounts(&mount, &plot).end();
+    refused.assert(2, &["inside.mcap", "the same file as", "outside.mcap"]);
 }
