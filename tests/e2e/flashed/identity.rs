@@ -36,8 +36,9 @@ struct HostAndFirmware<'f> {
     counts: Counts,
     /// Whether the estimate was lost and has not begun again.
     is_lost: bool,
-    /// Estimates lost since the last reset.
+    /// Estimates lost, and apexes decided, since the last reset.
     lost_since_reset: u32,
+    decided_since_reset: u32,
 }
 
 /// Counts of what the test has covered.
@@ -48,7 +49,9 @@ pub(crate) struct Counts {
     resets: u64,
     swaps: u64,
     set_points: u64,
+    /// Apexes of the leg, and those for which the controller decided on an action.
     apexes: u64,
+    pub(crate) decided: u64,
     /// Ticks with an estimate in flight and in stance; ticks at which it was lost, and began
     /// again afterwards.
     pub(crate) in_flight: u64,
@@ -83,6 +86,7 @@ impl<'f> HostAndFirmware<'f> {
             counts: Counts::default(),
             is_lost: false,
             lost_since_reset: 0,
+            decided_since_reset: 0,
         }
     }
 
@@ -95,6 +99,8 @@ impl<'f> HostAndFirmware<'f> {
         assert!(found.is_none(), "tick {}: {found:#?} for {sample:#?}", self.counts.ticks);
         self.bad_samples.sent(sample);
         self.counts.ticks += 1;
+        self.counts.decided += u64::from(here.apexes > self.decided_since_reset);
+        self.decided_since_reset = here.apexes;
         self.count_estimate();
         here
     }
@@ -211,9 +217,13 @@ pub(crate) fn compare(
     let counts = Counts { flags, in_water, on_land, ..both.counts };
     println!("{run} runs, {counts:?}\n{:?}", flashed.status());
     assert!(counts.bad > wanted / 100, "{counts:?}");
-    assert!(counts.apexes >= wanted / 2_000, "{counts:?}");
-    assert!(counts.resets >= 1 && counts.swaps >= 1 && counts.set_points >= 1, "{counts:?}");
+    assert!(counts.apexes >= wanted / 2_000 && counts.decided > 0, "{counts:?}");
     counts
+}
+
+/// Checks that the controller was reset, got other policies and other set-points.
+pub(crate) fn assert_changed(counts: &Counts) {
+    assert!(counts.resets >= 1 && counts.swaps >= 1 && counts.set_points >= 1, "{counts:?}");
 }
 
 #[test]
@@ -221,7 +231,8 @@ fn host_and_firmware_give_the_same_commands_bit_for_bit() {
     if skips() {
         return;
     }
-    compare(&mut Flashed::start(Some(&shipped())), ticks(12_000), |run, left| {
+    let counts = compare(&mut Flashed::start(Some(&shipped())), ticks(12_000), |run, left| {
         Scenario::from_settings(&settings(run, left)).expect("a scenario")
     });
+    assert_changed(&counts);
 }

@@ -97,8 +97,8 @@ pub(crate) struct InertialFilter {
     horizontal: Axis,
     vertical: Axis,
     scale_error: ScaleError,
-    /// Variance of the horizontal velocity, m2/s2, and those of the states along y, at the last
-    /// measurement.
+    /// Variance of the horizontal velocity, m2/s2, and those of the states along y for a known
+    /// scale error, at the last measurement.
     vx_variance: f32,
     variances: Vector4<f32>,
     force: ForceMeter,
