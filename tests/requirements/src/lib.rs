@@ -39,7 +39,7 @@ pub enum Requirement {
     ArmGcc,
     /// A Python with its standard library, `python3`.
     Python3,
-    /// A Python with the packages of `trainer/bridges/requirements.txt`, named by `LEG_PYTHON`.
+    /// A Python with the packages of `tests/requirements.txt`, named by `LEG_PYTHON`.
     Python,
     /// The folder with the authors' published data (doi 10.5281/zenodo.4607469).
     Reference,
@@ -205,7 +205,7 @@ pub fn script() -> bool {
 pub fn python() -> Option<PathBuf> {
     let named = std::env::var_os("LEG_PYTHON").map(PathBuf::from);
     Requirement::Python.check(named.ok_or_else(|| {
-        "LEG_PYTHON names no Python with the packages of trainer/bridges/requirements.txt".into()
+        "LEG_PYTHON names no Python with the packages of tests/requirements.txt".into()
     }))
 }
 

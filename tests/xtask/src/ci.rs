@@ -18,12 +18,13 @@ const HIL_TICKS: u64 = 10_000;
 const PACKAGES: &str = "package -p leg-kernel-m4f -p leg-control -p leg-plant";
 
 /// Requirements that `cargo xtask setup` installs.
-const INSTALLED: [Requirement; 6] = [
+const INSTALLED: [Requirement; 7] = [
     Requirement::Qemu,
     Requirement::Gcc,
     Requirement::Gxx,
     Requirement::ArmGcc,
     Requirement::Python3,
+    Requirement::Python,
     Requirement::Chromium,
 ];
 
@@ -50,6 +51,7 @@ fn in_front(skipped: &Path) -> Vec<Step> {
         cargo("documentation", "doc --workspace --no-deps").with_env("RUSTDOCFLAGS", "-D warnings"),
         cargo("tests, doctests", "test --workspace")
             .with_env("LEG_REQUIRE", required())
+            .with_env("LEG_PYTHON", setup::python().display().to_string())
             .with_env("LEG_SKIPPED", skipped.display().to_string()),
         // Allowed to be dirty: a developer runs this before the commit.
         cargo("packages for crates.io", PACKAGES).with("--allow-dirty"),
@@ -134,8 +136,7 @@ pub(crate) fn run() -> Result<()> {
 /// provides beside it.
 fn required() -> String {
     let reference = requirements::reference_folder().is_dir().then_some(Requirement::Reference);
-    let python = std::env::var_os("LEG_PYTHON").map(|_| Requirement::Python);
-    let all = INSTALLED.into_iter().chain(reference).chain(python);
+    let all = INSTALLED.into_iter().chain(reference);
     all.map(Requirement::name).collect::<Vec<_>>().join(",")
 }
 

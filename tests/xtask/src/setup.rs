@@ -1,44 +1,102 @@
 //! `cargo xtask setup`: installs what the checks need beside cargo.
 
+use std::fs;
+use std::io::ErrorKind;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, bail};
+use harness::checkout;
+
 use crate::step::{Step, output_of};
-use anyhow::{Result, bail};
 
 /// Targets that the controller is built for: the Cortex-M4F and M7 of the
 /// firmware, the smallest Cortex-M, and RISC-V.
 const TARGETS: [&str; 3] =
     ["thumbv7em-none-eabihf", "thumbv6m-none-eabi", "riscv32imac-unknown-none-elf"];
 
-/// A program: its possible names, and the Debian package that contains it.
+/// A program: its possible names, the arguments with which it succeeds if it is complete, and
+/// the Debian package that contains it.
 struct Program {
     names: &'static [&'static str],
+    probe: &'static [&'static str],
     package: &'static str,
+}
+
+const fn program(names: &'static [&'static str], package: &'static str) -> Program {
+    Program { names, probe: &["--version"], package }
 }
 
 /// The emulator, and the ARM binutils that disassemble images.
 const EMULATION: [Program; 2] = [
-    Program { names: &["qemu-system-arm"], package: "qemu-system-arm" },
-    Program { names: &["arm-none-eabi-objdump"], package: "binutils-arm-none-eabi" },
+    program(&["qemu-system-arm"], "qemu-system-arm"),
+    program(&["arm-none-eabi-objdump"], "binutils-arm-none-eabi"),
 ];
 
 /// The compilers for the exported policies, the Python for the bridge to it, and the browser
 /// that lays out the report.
-const TESTS: [Program; 5] = [
-    Program { names: &["gcc"], package: "gcc" },
-    Program { names: &["g++"], package: "g++" },
-    Program { names: &["arm-none-eabi-gcc"], package: "gcc-arm-none-eabi" },
-    Program { names: &["python3"], package: "python3" },
-    Program { names: &requirements::CHROMIUM_NAMES, package: "chromium" },
+const TESTS: [Program; 6] = [
+    program(&["gcc"], "gcc"),
+    program(&["g++"], "g++"),
+    program(&["arm-none-eabi-gcc"], "gcc-arm-none-eabi"),
+    program(&["python3"], "python3"),
+    // Debian's python3 makes no virtual environment without it.
+    Program {
+        names: &["python3"],
+        probe: &["-m", "ensurepip", "--version"],
+        package: "python3-venv",
+    },
+    program(&requirements::CHROMIUM_NAMES, "chromium"),
 ];
+
+/// Folder of the virtual environment, below the checkout.
+const ENVIRONMENT: &str = "target/python";
+
+/// Its packages with their versions.
+const REQUIREMENTS: &str = "tests/requirements.txt";
 
 /// Installs what is missing.
 pub(crate) fn run() -> Result<()> {
     rust()?;
     let programs: Vec<&Program> = EMULATION.iter().chain(&TESTS).collect();
     install(&programs)?;
-    let programs: Vec<&str> = programs.iter().map(|program| program.names[0]).collect();
-    let (targets, programs) = (TARGETS.join(", "), programs.join(", "));
-    println!("setup: rustfmt, clippy, {targets}, {programs} are installed");
+    environment()?;
+    let packages: Vec<&str> = programs.iter().map(|program| program.package).collect();
+    let (targets, packages) = (TARGETS.join(", "), packages.join(", "));
+    println!(
+        "setup: rustfmt, clippy, {targets}, {packages} and the packages of {REQUIREMENTS} \
+         are installed"
+    );
     Ok(())
+}
+
+/// Returns the interpreter with the packages of `tests/requirements.txt`.
+pub(crate) fn python() -> PathBuf {
+    checkout().join(ENVIRONMENT).join("bin/python")
+}
+
+/// Makes the virtual environment anew unless it has the packages that are wanted.
+fn environment() -> Result<()> {
+    let wanted = checkout().join(REQUIREMENTS);
+    let wanted = fs::read_to_string(&wanted)
+        .with_context(|| format!("cannot read {}", wanted.display()))?;
+    let folder = checkout().join(ENVIRONMENT);
+    // Written last, so that an interrupted installation is begun again.
+    let mark = folder.join("requirements.txt");
+    if fs::read_to_string(&mark).is_ok_and(|installed| installed == wanted) {
+        return Ok(());
+    }
+    match fs::remove_dir_all(&folder) {
+        Err(error) if error.kind() != ErrorKind::NotFound => {
+            return Err(error).with_context(|| format!("cannot remove {}", folder.display()));
+        }
+        _ => (),
+    }
+    Step::new("virtual environment", "python3", "-m venv").with(ENVIRONMENT).run()?;
+    Step::new("Python packages", python().display().to_string(), "-m pip install --quiet")
+        .with("--disable-pip-version-check --requirement")
+        .with(REQUIREMENTS)
+        .run()?;
+    fs::write(&mark, wanted).with_context(|| format!("cannot write {}", mark.display()))
 }
 
 /// Installs what the emulated board needs, if it is missing.
@@ -63,10 +121,12 @@ fn rust() -> Result<()> {
 }
 
 fn install(programs: &[&Program]) -> Result<()> {
-    let is_there = |name: &&str| output_of(name, &["--version"]).is_some();
+    let is_there = |program: &Program| {
+        program.names.iter().any(|name| output_of(name, program.probe).is_some())
+    };
     let missing: Vec<&str> = programs
         .iter()
-        .filter(|program| !program.names.iter().any(is_there))
+        .filter(|program| !is_there(program))
         .map(|program| program.package)
         .collect();
     if missing.is_empty() {
