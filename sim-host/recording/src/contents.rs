@@ -7,7 +7,7 @@
 use std::path::{Path, PathBuf};
 
 use super::read::{ReadError, Reader, TimedMessage};
-use super::schema::{AnyMessage, Channel, Config, Law, PROFILE, Policy, SetPoint};
+use super::schema::{AnyMessage, Channel, Config, Law, PROFILE, Policy, RECOVERED, SetPoint};
 
 /// Most messages that are sorted in memory: 4 GB.
 const MAX_SORTED: u64 = 20_000_000;
@@ -33,8 +33,10 @@ pub struct Contents {
     pub ticks: u64,
     /// Number of commands that were new at their tick.
     pub commands: u64,
-    /// Ticks and events that were dropped because the buffer was full; `None` without an end.
+    /// Ticks and events that were dropped because the buffer was full; `None` where that is
+    /// unknown, because the recorder was killed.
     pub dropped: Option<u64>,
+    has_end: bool,
     messages: u64,
     is_in_order: bool,
     flaw: Option<String>,
@@ -59,6 +61,7 @@ impl Contents {
             ticks: 0,
             commands: 0,
             dropped: None,
+            has_end: false,
             messages: 0,
             is_in_order: true,
             flaw: None,
@@ -98,7 +101,11 @@ impl Contents {
             }
             AnyMessage::Command(command) if command.is_new => self.commands += 1,
             AnyMessage::Estimate(_) => self.has_estimates = true,
-            AnyMessage::End(end) => self.dropped = Some(end.dropped),
+            AnyMessage::End(end) => {
+                self.has_end = true;
+                // What a killed recorder dropped is unknown.
+                self.dropped = (end.ending != RECOVERED).then_some(end.dropped);
+            }
             _ => (),
         }
     }
@@ -135,6 +142,18 @@ impl Contents {
     #[must_use]
     pub fn merged(&self, how: String) -> ReadError {
         ReadError::Merged { path: self.path.clone(), how }
+    }
+
+    /// Returns whether the file is whole: neither cut off nor damaged.
+    #[must_use]
+    pub fn is_complete(&self) -> bool {
+        self.flaw.is_none()
+    }
+
+    /// Returns whether the file has the message that ends a run.
+    #[must_use]
+    pub fn has_end(&self) -> bool {
+        self.has_end
     }
 
     /// Returns what was wrong with the file, for the user.

@@ -30,6 +30,19 @@ pub fn encodings(path: &Path) -> Result<(BTreeMap<String, String>, Option<String
     Ok((found, records.warning()))
 }
 
+/// Calls `take` with each record of a file up to its end, or up to where it was cut off, whoever
+/// wrote it.
+///
+/// # Errors
+/// [`ReadError`] if it is not an MCAP file, and the first error of `take`.
+pub fn for_each_record<E: From<ReadError>>(
+    path: &Path,
+    mut take: impl FnMut(&Record<'_>) -> Result<(), E>,
+) -> Result<(), E> {
+    let (mut records, _) = Records::open(path)?;
+    records.next_message(|record| Ok(take(record).err()))?.map_or(Ok(()), Err)
+}
+
 /// A message of a channel, as it is in the file.
 #[derive(Clone, Debug)]
 pub struct RawMessage {

@@ -16,6 +16,9 @@ pub const LOCK_STEP: &str = "lock-step";
 /// [`Config::time_mode`] of a run in real time.
 pub const REAL_TIME: &str = "real-time";
 
+/// [`End::ending`] of a recording that was completed after its recorder was killed.
+pub const RECOVERED: &str = "recovered";
+
 #[allow(missing_docs, clippy::pedantic, reason = "generated code")]
 mod generated {
     include!(concat!(env!("OUT_DIR"), "/leg.rs"));
@@ -206,6 +209,12 @@ impl Policy {
 }
 
 impl End {
+    /// Describes a run of which `ticks` are left, because its recorder was killed.
+    #[must_use]
+    pub fn recovered(ticks: u64) -> Self {
+        Self { ending: RECOVERED.to_owned(), ticks, ..Self::default() }
+    }
+
     /// Describes a run that ended with an error.
     #[must_use]
     pub fn broken_off(cause: &impl std::fmt::Display) -> Self {

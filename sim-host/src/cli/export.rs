@@ -9,7 +9,7 @@ use leg_control::serial::message::Estimator;
 use leg_host::law;
 use leg_host::recorded::RecordedError;
 use leg_process::atomic_file::AtomicFile;
-use leg_process::{check_apart, stderr, stdout};
+use leg_process::{check_apart, stdout};
 
 use super::{hint, misuse, unwritable};
 use crate::export::{self, ExportError, Exported};
@@ -35,9 +35,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         error => misuse(leg_host::cli::hint::with_hint(&error, hint_on(&error))),
     })?;
     file.finish().with_context(cannot_write)?;
-    if let Some(warning) = &exported.warning {
-        stderr::print_line(format_args!("sim-host: warning: {warning}"));
-    }
+    hint::print_warnings(recording, &exported.warning, exported.warning.is_none());
     stdout::print_line(format!(
         "{} rows; the estimator of the run reads them by\n{}",
         exported.rows,

@@ -1,5 +1,7 @@
 //! What the user can do about an error: the command-line options that help.
 
+use std::path::Path;
+
 use leg_host::LinkError;
 use leg_host::cli::hint::{
     self, ask_error, client_error, connect_error, domain_error, link_error, serve_error,
@@ -7,8 +9,10 @@ use leg_host::cli::hint::{
 use leg_host::discovery::DomainError;
 use leg_host::json_socket::AskError;
 use leg_host::shm::ConnectError;
+use leg_process::stderr;
 
 use crate::bridge::BridgeError;
+use crate::record::RecordError;
 use crate::record::read::ReadError;
 use crate::session::SessionError;
 use crate::session::two_processes::PlayError;
@@ -42,6 +46,9 @@ fn hint_on(error: &anyhow::Error) -> Option<String> {
             _ => None,
         };
     }
+    if let Some(RecordError::BrokeOff { file, is_complete: false, .. }) = error.downcast_ref() {
+        return Some(recover(file));
+    }
     None.or_else(|| error.downcast_ref::<ConnectError>().and_then(connect_error))
         .or_else(|| error.downcast_ref::<DomainError>().and_then(domain_error))
         .or_else(|| error.downcast_ref::<LinkError>().and_then(link_error))
@@ -53,6 +60,26 @@ fn session_error(error: &SessionError) -> Option<String> {
     match error {
         SessionError::Link { cause, .. } => link_error(cause),
         SessionError::NoAnswer { .. } => Some("--timeout changes the time to wait".to_owned()),
+    }
+}
+
+/// Returns what completes a file that was cut off.
+fn recover(file: &Path) -> String {
+    let output = if file.extension().is_some_and(|end| end == "part") { "" } else { " -o OUTPUT" };
+    format!("`sim-host recover {}{output}` makes a complete recording of it", file.display())
+}
+
+/// Prints the warnings about a recording, and what to do about one that was cut off.
+pub(super) fn print_warnings<'a>(
+    recording: &Path,
+    warnings: impl IntoIterator<Item = &'a String>,
+    is_complete: bool,
+) {
+    for warning in warnings {
+        stderr::print_line(format_args!("sim-host: warning: {warning}"));
+    }
+    if !is_complete {
+        stderr::print_line(format_args!("sim-host: {}", recover(recording)));
     }
 }
 

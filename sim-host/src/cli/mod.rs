@@ -13,6 +13,7 @@ mod faults;
 mod hint;
 mod plot;
 mod recording;
+mod recover;
 mod replay;
 mod robustness;
 mod run;
@@ -56,6 +57,8 @@ enum Command {
     Plot(plot::Args),
     /// Write a recording as CSV, a log for `controller estimate`.
     Export(export::Args),
+    /// Make a complete recording of what a killed recorder has left.
+    Recover(recover::Args),
     /// Write a recording; `run --record` starts this.
     #[command(hide = true)]
     Recorder {
@@ -105,6 +108,7 @@ fn run_command(program: &Program) -> anyhow::Result<ExitCode> {
         Some(Command::Sensors(args)) => sensors::main(args),
         Some(Command::Plot(args)) => plot::main(args),
         Some(Command::Export(args)) => export::main(args),
+        Some(Command::Recover(args)) => recover::main(args),
         Some(Command::Recorder { path }) => Ok(crate::record::writer_process(path)),
         Some(Command::Apex(args)) => apex::main(args),
         Some(Command::Bench { what }) => bench::main(what),

@@ -7,7 +7,7 @@ use anyhow::Context;
 
 use super::{hint, misuse, unwritable};
 use crate::plot::{PlotData, picture};
-use leg_process::{atomic_file, check_apart, stderr};
+use leg_process::{atomic_file, check_apart};
 
 /// Plots a recording over time: height, velocity at each apex and set-point,
 /// density, commands, events, and where a safe command was in force; the estimates of
@@ -49,9 +49,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
             data.end_s
         )));
     }
-    for warning in &data.warnings {
-        stderr::print_line(format_args!("sim-host: warning: {warning}"));
-    }
+    hint::print_warnings(&args.recording, &data.warnings, data.is_complete);
     let svg = picture::draw(&data)
         .map_err(|cause| anyhow::anyhow!("cannot draw the picture: {cause}"))?;
     atomic_file::write(&args.out, svg.as_bytes()).with_context(cannot_write)?;

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use leg_host::recorded::RecordedError;
 use leg_process::policy_file::PolicyFile;
-use leg_process::{stderr, stdout};
+use leg_process::stdout;
 
 use super::{hint, misuse};
 use crate::replay::{self, ReplayError};
@@ -32,9 +32,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let other = args.policy.as_deref().map(PolicyFile::read).transpose().map_err(misuse)?;
     let report =
         replay::replay(&args.recording, other.as_ref()).map_err(|error| with_hint(&error))?;
-    for warning in &report.warnings {
-        stderr::print_line(format_args!("sim-host: warning: {warning}"));
-    }
+    hint::print_warnings(&args.recording, &report.warnings, report.is_complete);
     if args.json {
         stdout::print_line(serde_json::to_string(&report)?)?;
     } else {

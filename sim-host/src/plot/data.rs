@@ -25,6 +25,8 @@ pub struct PlotData {
     pub end_s: f64,
     /// What was wrong with the file, and what could not be computed.
     pub warnings: Vec<String>,
+    /// Whether the file is whole: neither cut off nor damaged.
+    pub is_complete: bool,
     /// Height of the mass, m.
     pub(super) height: Line,
     /// Horizontal velocity, m/s.
@@ -112,6 +114,7 @@ impl PlotData {
         let mut data = builder.finish();
         data.title = title;
         data.warnings = warnings;
+        data.is_complete = contents.is_complete();
         Ok(data)
     }
 

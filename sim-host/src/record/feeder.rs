@@ -9,6 +9,7 @@ use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
 use rtrb::Consumer;
+use rustix::process::{Pid, Signal, kill_process};
 
 use super::pipe::{self, FrameBuffer};
 use super::schema::{End, Law, Loop, Policy, SetPoint};
@@ -27,7 +28,7 @@ const POLL_INTERVAL: Duration = Duration::from_millis(1);
 /// Time after which a writer that reads nothing is given up.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(10);
 /// Time that the writer may take to complete its file: a large one on a slow disk.
-const FINISH_TIMEOUT: Duration = Duration::from_mins(1);
+pub(super) const FINISH_TIMEOUT: Duration = Duration::from_mins(1);
 
 /// A message that does not come from the ring.
 #[derive(Debug)]
@@ -107,9 +108,10 @@ impl Feeder {
                 std::thread::sleep(POLL_INTERVAL);
             }
         }
-        let time_ns = self.translator.end(&mut frames);
+        self.translator.end(&mut frames);
         if let Some(end) = end {
-            frames.add(time_ns, &End { dropped: self.state.dropped(), ..end });
+            // After all others, also where messages are in order of time.
+            frames.add(frames.latest_ns(), &End { dropped: self.state.dropped(), ..end });
         }
         self.writer.send(&mut frames);
         self.writer.close()
@@ -120,19 +122,20 @@ impl Feeder {
 #[derive(Clone, Debug)]
 pub(super) struct LostWriter {
     pub(super) cause: String,
-    /// It may still complete the file by itself.
-    pub(super) is_stopped: bool,
+    /// It was silent, and was continued in case that it was stopped: it completes the file by
+    /// itself.
+    pub(super) is_continued: bool,
 }
 
 impl LostWriter {
     fn ended(line: &str) -> Self {
         let cause = line.strip_prefix(FAILED).unwrap_or("the recorder was ended").to_owned();
-        Self { cause, is_stopped: false }
+        Self { cause, is_continued: false }
     }
 
     fn silent(what: &str, time: Duration) -> Self {
         let cause = format!("the recorder has {what} for {} s; is it stopped?", time.as_secs());
-        Self { cause, is_stopped: true }
+        Self { cause, is_continued: true }
     }
 }
 
@@ -142,13 +145,22 @@ pub(super) struct Writer {
     /// `None` once the writer is lost.
     pipe: Option<ChildStdin>,
     reports: ChildStdout,
+    /// The process, which is not waited for before this value is dropped.
+    pid: Pid,
     lost: Option<LostWriter>,
 }
 
 impl Writer {
-    /// Takes the non-blocking pipe to the writer and the one with its reports.
-    pub(super) fn new(pipe: ChildStdin, reports: ChildStdout) -> Self {
-        Self { pipe: Some(pipe), reports, lost: None }
+    /// Takes the non-blocking pipe to the writer `pid` and the one with its reports.
+    pub(super) fn new(pid: Pid, pipe: ChildStdin, reports: ChildStdout) -> Self {
+        Self { pipe: Some(pipe), reports, pid, lost: None }
+    }
+
+    /// Gives up a writer that has done nothing for `time`. The pipe has ended; where the writer
+    /// was stopped it now continues, completes its file and ends.
+    fn give_up(&self, what: &str, time: Duration) -> LostWriter {
+        let _ = kill_process(self.pid, Signal::CONT);
+        LostWriter::silent(what, time)
     }
 
     /// Sends the frames and clears the buffer; without a writer it only clears.
@@ -158,11 +170,11 @@ impl Writer {
         {
             self.pipe = None;
             let lost = match error.kind() {
-                io::ErrorKind::TimedOut => LostWriter::silent("read nothing", WRITE_TIMEOUT),
+                io::ErrorKind::TimedOut => self.give_up("read nothing", WRITE_TIMEOUT),
                 // It reports the cause before it ends.
                 _ => match pipe::read_line(&mut self.reports, WRITE_TIMEOUT) {
                     Ok(line) => LostWriter::ended(&line),
-                    Err(_) => LostWriter { cause: error.to_string(), is_stopped: false },
+                    Err(_) => LostWriter { cause: error.to_string(), is_continued: false },
                 },
             };
             stderr::print_line(format_args!(
@@ -181,7 +193,7 @@ impl Writer {
             return Err(lost);
         }
         let line = pipe::read_line(&mut self.reports, FINISH_TIMEOUT)
-            .map_err(|_| LostWriter::silent("reported nothing", FINISH_TIMEOUT))?;
+            .map_err(|_| self.give_up("reported nothing", FINISH_TIMEOUT))?;
         let messages = line.strip_prefix(DONE).and_then(|messages| messages.parse().ok());
         messages.ok_or_else(|| LostWriter::ended(&line))
     }

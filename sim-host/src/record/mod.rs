@@ -18,8 +18,10 @@
 mod change_poller;
 pub mod config;
 mod feeder;
+mod file;
 mod pipe;
 mod recorder;
+pub mod recover;
 mod tap;
 mod translate;
 mod writer_process;

@@ -27,6 +27,7 @@ const MAX_MESSAGE_LEN: usize = 1 << 24;
 pub(super) struct FrameBuffer {
     bytes: Vec<u8>,
     next_sequence: [u32; Channel::ALL.len()],
+    latest_ns: u64,
 }
 
 impl FrameBuffer {
@@ -39,6 +40,12 @@ impl FrameBuffer {
         self.bytes.extend((message.encoded_len() as u32).to_le_bytes());
         message.encode(&mut self.bytes).expect("a vector grows as needed");
         *sequence = sequence.wrapping_add(1);
+        self.latest_ns = self.latest_ns.max(log_time_ns);
+    }
+
+    /// Returns the latest log time of all messages that were added, ns since 1970.
+    pub(super) fn latest_ns(&self) -> u64 {
+        self.latest_ns
     }
 
     /// Appends a request to flush the file.

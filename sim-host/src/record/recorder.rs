@@ -7,18 +7,21 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Sender};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use super::feeder::{Feeder, LostWriter, SideMessage, Writer};
+use super::feeder::{FINISH_TIMEOUT, Feeder, LostWriter, SideMessage, Writer};
 use super::pipe::{self, FrameBuffer};
 use super::schema::{Config, End, Law, Loop, Policy, SetPoint};
 use super::tap::{OnFull, RING_CAPACITY, RecordTap, RingState};
 use super::translate::Translator;
 use super::writer_process::{FAILED, READY, part};
 use leg_process::atomic_file;
+use rustix::process::Pid;
 
 /// Time that a writer process may take to start.
 const START_TIMEOUT: Duration = Duration::from_secs(10);
+/// Time between two checks whether a writer that was given up has ended.
+const END_POLL_INTERVAL: Duration = Duration::from_millis(10);
 
 /// Why there is no recording, or only part of one.
 #[derive(Debug, thiserror::Error)]
@@ -35,11 +38,13 @@ pub enum RecordError {
     /// The writer process failed or was lost.
     #[error(
         "the recording broke off in {}: {cause}; replay and plot can read what that file contains",
-        part.display()
+        file.display()
     )]
     BrokeOff {
-        /// The incomplete file.
-        part: PathBuf,
+        /// The file with what was recorded.
+        file: PathBuf,
+        /// Whether it has its index, and so every reader can use it.
+        is_complete: bool,
         /// The cause.
         cause: String,
     },
@@ -155,7 +160,7 @@ impl Recorder {
         let (tap, ring, state) = RecordTap::new(RING_CAPACITY, on_full);
         let (side, side_receiver) = mpsc::channel();
         let finish = Arc::new(AtomicBool::new(false));
-        let mut writer_end = Writer::new(pipe, reports);
+        let mut writer_end = Writer::new(Pid::from_child(&writer), pipe, reports);
         let mut frames = FrameBuffer::default();
         frames.add(config.started_unix_ns, config);
         writer_end.send(&mut frames);
@@ -205,14 +210,27 @@ impl Recorder {
             Ok(Err(lost)) => lost,
             Err(_) => {
                 let cause = "the thread that feeds the recorder panicked".to_owned();
-                LostWriter { cause, is_stopped: false }
+                LostWriter { cause, is_continued: false }
             }
         };
-        // A stopped writer completes the file by itself when it continues.
-        if !lost.is_stopped {
-            let _ = self.writer.wait();
+        let is_complete = lost.is_continued && self.completes();
+        let _ = self.writer.kill();
+        let _ = self.writer.wait();
+        let file = if is_complete { self.path.clone() } else { part(&self.path) };
+        Err(RecordError::BrokeOff { file, is_complete, cause: lost.cause })
+    }
+
+    /// Waits until a writer that was given up ends; returns whether it has completed the file.
+    fn completes(&mut self) -> bool {
+        let since = Instant::now();
+        while since.elapsed() < FINISH_TIMEOUT {
+            match self.writer.try_wait() {
+                Ok(None) => std::thread::sleep(END_POLL_INTERVAL),
+                Ok(Some(status)) => return status.success(),
+                Err(_) => return false,
+            }
         }
-        Err(RecordError::BrokeOff { part: part(&self.path), cause: lost.cause })
+        false
     }
 }
 

@@ -158,11 +158,10 @@ impl Translator {
         frames.add(self.tick_time_ns(timing.seq), timing);
     }
 
-    /// Adds an apex that was never answered. Returns the log time of the last
-    /// tick, ns since 1970.
-    pub(super) fn end(&mut self, frames: &mut FrameBuffer) -> u64 {
-        let Some(tick) = self.tick else { return self.started_unix_ns };
-        self.close_apex(false, &tick.command, frames);
-        self.log_time_ns(self.earlier_runs_s + tick.t_s)
+    /// Adds an apex that was never answered.
+    pub(super) fn end(&mut self, frames: &mut FrameBuffer) {
+        if let Some(tick) = self.tick {
+            self.close_apex(false, &tick.command, frames);
+        }
     }
 }

@@ -2,7 +2,8 @@
 //!
 //! It reads frames until the pipe ends for whatever reason, then writes the
 //! file's index and renames the file. It runs in a session of its own and
-//! ignores signals to stop, because it ends with the run.
+//! ignores signals to stop, because it ends with the run. One that is stopped by SIGSTOP
+//! continues when the run gives it up, or when the run's process is gone, and completes its file.
 
 use std::fs::{self, File, TryLockError};
 use std::io::{self, BufReader, BufWriter, ErrorKind, Write};
@@ -11,15 +12,13 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use leg_process::remedy;
-use mcap::WriteOptions;
 use mcap::records::MessageHeader;
-use mcap::write::NoSeek;
+use rustix::process::Signal;
 
+use super::file::{PROTOBUF, RecordingFile};
 use super::pipe::{self, Frame};
-use super::schema::{Channel, DESCRIPTORS, PROFILE};
+use super::schema::{Channel, DESCRIPTORS};
 
-/// Bytes in a chunk; a file that is cut off loses at most its last chunk.
-const CHUNK_LEN: u64 = 1 << 18;
 const BUFFER_LEN: usize = 1 << 18;
 
 /// Printed when the writer accepts frames.
@@ -61,33 +60,24 @@ pub fn main(path: &Path) -> ExitCode {
 fn detach() -> io::Result<()> {
     // Fails only for a process that leads a session already, which is as good.
     let _ = rustix::process::setsid();
+    // Nobody else would continue a stopped one after the run.
+    rustix::process::set_parent_process_death_signal(Some(Signal::CONT))?;
     leg_process::signals::disregard_stop_signals()
 }
 
 fn write(path: &Path, ready: impl FnOnce()) -> io::Result<u64> {
     let part = part(path);
     let file = claim(&part)?;
-    let mut writer = WriteOptions::new()
-        .profile(PROFILE)
-        .library(concat!("sim-host ", env!("CARGO_PKG_VERSION")))
-        .compression(None)
-        .chunk_size(Some(CHUNK_LEN))
-        .disable_seeking(true)
-        .create(NoSeek::new(BufWriter::with_capacity(BUFFER_LEN, &file)))
-        .map_err(system_error)?;
+    let mut recording = RecordingFile::begin(BufWriter::with_capacity(BUFFER_LEN, &file))?;
     let mut channels = Vec::new();
     for channel in Channel::ALL {
-        let schema =
-            writer.add_schema(&channel.schema(), "protobuf", DESCRIPTORS).map_err(system_error)?;
-        let id = writer
-            .add_channel(schema, channel.topic(), "protobuf", &[].into())
-            .map_err(system_error)?;
-        channels.push(id);
+        let schema = recording.add_schema(&channel.schema(), PROTOBUF, DESCRIPTORS)?;
+        channels.push(recording.add_channel(schema, channel.topic(), PROTOBUF)?);
     }
     ready();
 
     let mut pipe = BufReader::with_capacity(BUFFER_LEN, io::stdin().lock());
-    let (mut buffer, mut messages) = (Vec::new(), 0);
+    let mut buffer = Vec::new();
     // A broken pipe ends the recording as a closed one does.
     while let Ok(Some(frame)) = pipe::read(&mut pipe, &mut buffer) {
         match frame {
@@ -98,14 +88,13 @@ fn write(path: &Path, ready: impl FnOnce()) -> io::Result<u64> {
                     log_time: log_time_ns,
                     publish_time: log_time_ns,
                 };
-                writer.write_to_known_channel(&header, message).map_err(system_error)?;
-                messages += 1;
+                recording.add(header, message)?;
             }
-            Frame::Flush => writer.flush().map_err(system_error)?,
+            Frame::Flush => recording.flush()?,
         }
     }
-    writer.finish().map_err(system_error)?;
-    writer.into_inner().into_inner().into_inner().map_err(io::IntoInnerError::into_error)?;
+    let (messages, buffered) = recording.finish()?;
+    buffered.into_inner().map_err(io::IntoInnerError::into_error)?;
     file.sync_all()?;
     put_in_place(&part, path)?;
     Ok(messages)
@@ -121,14 +110,6 @@ fn put_in_place(part: &Path, path: &Path) -> io::Result<()> {
     }
     let cause = format!("the file is complete but cannot become {}: {error}", path.display());
     Err(io::Error::new(error.kind(), cause))
-}
-
-/// Returns the error of the system that the writer of the format has met.
-fn system_error(error: mcap::McapError) -> io::Error {
-    match error {
-        mcap::McapError::Io(error) => error,
-        error => io::Error::other(error),
-    }
 }
 
 /// Adds what the user can do about an error.

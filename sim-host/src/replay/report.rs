@@ -76,6 +76,9 @@ pub struct ReplayReport {
     pub apexes: Vec<ApexComparison>,
     /// Warnings about the recording.
     pub warnings: Vec<String>,
+    /// Whether the recording is whole: neither cut off nor damaged.
+    #[serde(skip)]
+    pub is_complete: bool,
     #[serde(skip)]
     last_apexes: u32,
 }
@@ -111,6 +114,7 @@ impl ReplayReport {
                 .into_iter()
                 .chain(fault_warning(config).filter(|_| !injects_faults))
                 .collect(),
+            is_complete: contents.is_complete(),
             last_apexes: 0,
         })
     }

@@ -9,6 +9,7 @@ mod other_programs;
 mod place;
 mod real_time;
 mod record;
+mod recover;
 mod recovery;
 mod sensors;
 mod shared_memory;

@@ -133,7 +133,8 @@ fn reads_messages_in_any_order_and_twice() {
 #[test]
 fn reads_compressed_files_and_names_a_compression_that_it_cannot_read() {
     let place = Place::new();
-    let whole = record(&place, "whole.mcap", &[]);
+    let whole = place.file("whole.mcap");
+    write(&whole, &messages(&record(&place, "recorded.mcap", &[])));
     let path = place.file("compressed.mcap");
     let lz4 = |bytes: &[u8]| {
         let mut encoder = lz4_flex::frame::FrameEncoder::new(Vec::new());

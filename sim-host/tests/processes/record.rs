@@ -23,7 +23,7 @@ use sim_host::session::{Options, lock_step};
 use crate::ENDLESS;
 use crate::place::{self, PROGRAM, Place, Running, folder_of, text};
 
-fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
+pub(crate) fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
     place::wait_until(|| if is_so() { Ok(()) } else { Err(what.to_owned()) });
 }
 
@@ -31,11 +31,11 @@ fn shipped() -> PathBuf {
     requirements::checkout().join("controller/policies/robust.bin")
 }
 
-fn part(path: &Path) -> PathBuf {
+pub(crate) fn part(path: &Path) -> PathBuf {
     path.with_extension("mcap.part")
 }
 
-fn size(path: &Path) -> u64 {
+pub(crate) fn size(path: &Path) -> u64 {
     fs::metadata(path).map_or(0, |m| m.len())
 }
 
@@ -271,7 +271,9 @@ fn reads_a_cut_file_up_to_its_last_complete_chunk() {
 
     // One wrong byte invalidates its chunk.
     let mut damaged = bytes.clone();
-    damaged[bytes.len() / 2] ^= 1;
+    let index = mcap::Summary::read(&bytes).unwrap().unwrap();
+    let chunk = &index.chunk_indexes[index.chunk_indexes.len() / 2];
+    damaged[(chunk.chunk_start_offset + chunk.chunk_length / 2) as usize] ^= 1;
     fs::write(&cut, &damaged).unwrap();
     let (read, _, warning) = read(&cut);
     assert!(read.len() < ticks.len() && read[..] == ticks[..read.len()]);
@@ -301,7 +303,7 @@ fn a_killed_run_leaves_a_complete_file() {
 
 /// Starts an endless recorded run, of which some is written. The recorder is the only child of
 /// the simulator.
-fn endless_recorded_run(place: &Place, path: &Path) -> (Running, Running) {
+pub(crate) fn endless_recorded_run(place: &Place, path: &Path) -> (Running, Running) {
     let controller = place.controller(&["--timeout", "30"]);
     let simulator = place.simulator(&[&ENDLESS[..], &["--record", text(path)]].concat());
     wait_until("some of it is written", || size(&part(path)) > 1 << 16);

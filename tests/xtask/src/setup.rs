@@ -77,8 +77,8 @@ pub(crate) fn python() -> PathBuf {
 /// Makes the virtual environment anew unless it has the packages that are wanted.
 fn environment() -> Result<()> {
     let wanted = checkout().join(REQUIREMENTS);
-    let wanted = fs::read_to_string(&wanted)
-        .with_context(|| format!("cannot read {}", wanted.display()))?;
+    let wanted =
+        fs::read_to_string(&wanted).with_context(|| format!("cannot read {}", wanted.display()))?;
     let folder = checkout().join(ENVIRONMENT);
     // Written last, so that an interrupted installation is begun again.
     let mark = folder.join("requirements.txt");
