@@ -6,6 +6,7 @@
 
 mod background;
 pub mod commands;
+mod domain;
 pub mod estimate;
 pub mod hint;
 mod real_time;
@@ -57,6 +58,7 @@ enum Command {
     /// Measure the control law on this machine.
     Bench(bench::Args),
     Estimate(Box<estimate::Args>),
+    Domain(domain::Args),
     #[command(flatten)]
     Running(commands::Command),
 }
@@ -306,6 +308,7 @@ pub fn main(call: &Call) -> ExitCode {
     let done = match &call.command {
         Some(Command::Running(command)) => return commands::main(command),
         Some(Command::Bench(args)) => bench::run(args).map_err(CliError::from),
+        Some(Command::Domain(args)) => domain::run(args),
         Some(Command::Estimate(args)) => estimate::run(args).map_err(CliError::from),
         None => run_server::run(&call.args, |summary| {
             let _ = if call.args.json {

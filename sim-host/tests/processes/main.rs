@@ -6,6 +6,7 @@ mod estimator;
 mod faults;
 mod logs;
 mod other_programs;
+mod peers;
 mod place;
 mod real_time;
 mod record;

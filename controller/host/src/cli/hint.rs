@@ -68,7 +68,7 @@ pub fn connect_error(error: &ConnectError) -> Option<String> {
             Some("end it, or choose another --domain for both sides".to_owned())
         }
         ConnectError::Disagreement { parameter, .. } => match parameter {
-            Parameter::WireVersion => None,
+            Parameter::SessionVersion | Parameter::WireVersion => None,
             Parameter::Rate => Some("give both the same --rate".to_owned()),
             Parameter::Gravity => Some("give both the same --gravity".to_owned()),
             Parameter::TimeMode => Some("give --real-time to both sides, or to neither".to_owned()),

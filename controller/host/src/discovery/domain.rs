@@ -21,6 +21,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::room::{self, NoRoom};
+use super::session::Session;
 use super::unfinished::Sweeper;
 
 /// The domain used when no name is given.
@@ -242,6 +243,21 @@ impl Domain {
     pub fn folder(name: &str) -> Result<PathBuf, DomainError> {
         check_name(name)?;
         Ok(base().join(name))
+    }
+
+    /// Returns the prefix of the shared memory of a domain, and its session if there is one,
+    /// without joining it; `None` while it has no folder.
+    ///
+    /// # Errors
+    /// Returns [`DomainError`] when the name is invalid or the folder cannot be opened.
+    pub(crate) fn prefix_and_session(
+        name: &str,
+    ) -> Result<Option<(String, Option<Session>)>, DomainError> {
+        check_name(name)?;
+        Ok(Folder::open(&base(), name)?.map(|Folder { path, prefix, .. }| {
+            let session = Session::in_folder(&path, &prefix);
+            (prefix, session)
+        }))
     }
 
     /// As [`Domain::join`], with the domains in the folder `base`.

@@ -1,7 +1,7 @@
 //! The names of the shared memory of one leg and one controller.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
@@ -25,14 +25,18 @@ impl Session {
     /// Removes what is left of earlier sessions and creates the folder of another. Only the
     /// holder of the controller's role may call this: it has left those sessions.
     pub(crate) fn begin(domain: &Domain) -> Result<Self, DomainError> {
-        for earlier in sessions(domain) {
+        for earlier in sessions(domain.root(), domain.prefix()) {
             let _ = fs::remove_dir_all(&earlier.folder);
             objects(&earlier.prefix).for_each(|path| drop(fs::remove_file(path)));
         }
         let mut random = [0; 8];
         rustix::rand::getrandom(&mut random, rustix::rand::GetRandomFlags::empty())
             .map_err(|cause| io_error("name a session in", domain.root())(cause.into()))?;
-        let session = Self::named(domain, &format!("{:016x}", u64::from_ne_bytes(random)));
+        let session = Self::named(
+            domain.root(),
+            domain.prefix(),
+            &format!("{:016x}", u64::from_ne_bytes(random)),
+        );
         fs::create_dir(&session.folder)
             .map_err(|cause| io_error("create the folder", &session.folder)(cause))?;
         Ok(session)
@@ -40,7 +44,12 @@ impl Session {
 
     /// Returns the session that takes place, or last took place, in a domain.
     pub(crate) fn current(domain: &Domain) -> Option<Self> {
-        sessions(domain).next()
+        Self::in_folder(domain.root(), domain.prefix())
+    }
+
+    /// Returns the same of the domain with this folder and prefix.
+    pub(super) fn in_folder(root: &Path, prefix: &str) -> Option<Self> {
+        sessions(root, prefix).next()
     }
 
     /// Returns whether its names are those of a session in `domain`.
@@ -50,16 +59,16 @@ impl Session {
             && self.folder.is_dir()
     }
 
-    fn named(domain: &Domain, id: &str) -> Self {
-        let folder = domain.root().join(format!("{FOLDER_PREFIX}{id}"));
-        Self { prefix: format!("{}{id}.", domain.prefix()), folder }
+    fn named(root: &Path, prefix: &str, id: &str) -> Self {
+        let folder = root.join(format!("{FOLDER_PREFIX}{id}"));
+        Self { prefix: format!("{prefix}{id}."), folder }
     }
 }
 
-fn sessions(domain: &Domain) -> impl Iterator<Item = Session> {
-    paths_in(domain.root()).filter_map(|path| {
+fn sessions(root: &Path, prefix: &str) -> impl Iterator<Item = Session> {
+    paths_in(root).filter_map(move |path| {
         let id = path.file_name()?.to_str()?.strip_prefix(FOLDER_PREFIX)?.to_owned();
-        Some(Session::named(domain, &id))
+        Some(Session::named(root, prefix, &id))
     })
 }
 

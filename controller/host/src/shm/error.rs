@@ -1,6 +1,7 @@
 //! Errors of connecting two processes.
 
 use std::fmt::{self, Display};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use crate::discovery::{Domain, DomainError, Whereabouts};
@@ -78,6 +79,26 @@ pub enum ConnectError {
         /// What is wrong with it.
         cause: String,
     },
+    /// The peer refuses the session.
+    #[error("the {peer} (process {pid}) refuses the session: {reason}")]
+    Refused {
+        /// Role of the peer.
+        peer: Role,
+        /// Process id of the peer.
+        pid: u32,
+        /// What it states as the reason.
+        reason: String,
+    },
+    /// A process has begun to connect and does not go on.
+    #[error("{}", half.describe(*peer, *pid))]
+    HalfMet {
+        /// Role of the peer.
+        peer: Role,
+        /// Process id of the peer, if it has sent it.
+        pid: Option<u32>,
+        /// What is missing.
+        half: Half,
+    },
     /// The domain cannot be joined.
     #[error(transparent)]
     Domain(#[from] DomainError),
@@ -111,13 +132,64 @@ impl ConnectError {
     /// Another one may agree.
     #[must_use]
     pub fn is_disagreement(&self) -> bool {
-        matches!(self, Self::Disagreement { .. } | Self::NotUnderstood { .. })
+        matches!(
+            self,
+            Self::Disagreement { .. } | Self::NotUnderstood { .. } | Self::Refused { .. }
+        )
+    }
+}
+
+/// What a process has not done that has begun to connect.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Half {
+    /// It has sent no hello.
+    Hello,
+    /// It has not sent that it is ready.
+    Ready {
+        /// What the names of the session's shared memory start with.
+        prefix: String,
+        /// The folder of the session's files.
+        folder: PathBuf,
+    },
+    /// It has left before it was ready.
+    Left,
+    /// It has sent that it is ready, but does not have these ports in the session.
+    Ports {
+        /// Each port, with its service.
+        missing: String,
+        /// What the names of the session's shared memory start with.
+        prefix: String,
+        /// The folder of the session's files.
+        folder: PathBuf,
+    },
+}
+
+impl Half {
+    fn describe(&self, peer: Role, pid: Option<u32>) -> String {
+        let process = pid.map_or_else(|| "a process".to_owned(), |pid| format!("process {pid}"));
+        let begun = format!("{process} has connected as the {peer}, but");
+        match self {
+            Self::Hello => format!("{begun} has not sent its hello; is it stopped?"),
+            Self::Ready { prefix, folder } => format!(
+                "{begun} has not sent that it is ready, with ports in the session (prefix {prefix}, \
+                 root path {}); is it stopped?",
+                folder.display()
+            ),
+            Self::Left => format!("{begun} left before it was ready; see its own output"),
+            Self::Ports { missing, prefix, folder } => format!(
+                "{begun} has no {missing} in the session when it sends that it is ready; its \
+                 iceoryx2 must have the prefix {prefix} and the root path {}",
+                folder.display()
+            ),
+        }
     }
 }
 
 /// A session parameter on which both sides must agree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Parameter {
+    /// Version of the session protocol.
+    SessionVersion,
     /// Version of the messages.
     WireVersion,
     /// Tick rate, Hz.
@@ -137,6 +209,10 @@ pub enum Parameter {
 impl Parameter {
     fn describe(self, peer: Role, theirs: &str, ours: &str) -> String {
         match self {
+            Self::SessionVersion => format!(
+                "the {peer} uses version {theirs} of the session protocol, this program version \
+                 {ours}; build both from the same release"
+            ),
             Self::WireVersion => format!(
                 "the {peer} uses version {theirs} of the messages, this program version {ours}; build \
                  both from the same release"
@@ -173,8 +249,8 @@ fn process(pid: Option<u32>) -> String {
 /// Returns the first session parameter on which the two sides disagree.
 pub(super) fn disagreement(
     peer: Role,
-    theirs: SessionParams,
-    ours: SessionParams,
+    (their_version, theirs): (u16, SessionParams),
+    (our_version, ours): (u16, SessionParams),
 ) -> Option<ConnectError> {
     // A time mode is compared when both have one. Numbers are equal if their texts are.
     let modes =
@@ -191,6 +267,7 @@ pub(super) fn disagreement(
     let [their_channels, our_channels] = channels.unwrap_or_default().map(|it| it.to_string());
     let ms = |ns: u64| (ns as f64 / 1e6).to_string();
     [
+        (Parameter::SessionVersion, text(&their_version), text(&our_version)),
         (Parameter::WireVersion, text(&theirs.wire_version), text(&ours.wire_version)),
         (Parameter::Rate, text(&theirs.rate_hz), text(&ours.rate_hz)),
         (Parameter::Gravity, text(&theirs.gravity_m_s2), text(&ours.gravity_m_s2)),

@@ -5,15 +5,29 @@
 
 use std::io::{self, BufRead, BufReader, ErrorKind, Read};
 use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use rustix::net::{SendFlags, send};
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 
 use crate::discovery::Session;
 use crate::link::SessionParams;
 
+/// Version of the lines and of what they agree on.
+pub(crate) const SESSION_VERSION: u16 = 1;
+
 /// Name of the controller's socket in the folder of a domain.
 pub(super) const SOCKET: &str = "session.sock";
+
+/// Returns the path of the controller's socket in the folder of a domain.
+pub(crate) fn socket_in(folder: &Path) -> PathBuf {
+    folder.join(SOCKET)
+}
+
+/// Time after which a missing line is reported.
+const OVERDUE_AFTER: Duration = Duration::from_secs(1);
 
 /// Longest line that is read, bytes.
 const MAX_LINE: u64 = 4096;
@@ -26,6 +40,8 @@ pub(super) enum Line {
     Hello(Hello),
     /// This end has opened the session's shared memory.
     Ready,
+    /// This end takes no part in the session; the text says why, for the user of the other end.
+    Refused(String),
     /// This end leaves in good order.
     Left,
 }
@@ -33,6 +49,9 @@ pub(super) enum Line {
 /// What each end publishes about itself before the first message.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Hello {
+    /// [`SESSION_VERSION`] of the sender.
+    #[serde(default = "first_version")]
+    pub(super) version: u16,
     /// Process id, in its own container; for messages only.
     pub(super) pid: u32,
     /// What both ends must agree on.
@@ -40,6 +59,39 @@ pub(super) struct Hello {
     /// The session's shared memory, from a controller that agrees.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) session: Option<Session>,
+    /// Why there is none, from a controller that disagrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) refused: Option<String>,
+    /// Names in `params` that this version does not know, of a hello that was received.
+    #[serde(skip)]
+    pub(super) unknown: Vec<String>,
+}
+
+fn first_version() -> u16 {
+    1
+}
+
+impl Hello {
+    /// Returns the hello of this process.
+    pub(super) fn of(params: SessionParams) -> Self {
+        let pid = std::process::id();
+        Self {
+            version: SESSION_VERSION,
+            pid,
+            params,
+            session: None,
+            refused: None,
+            unknown: Vec::new(),
+        }
+    }
+
+    /// Returns the names in the `params` of a line that this version does not know.
+    fn unknown_in(&self, line: &[u8]) -> Vec<String> {
+        let known = serde_json::to_value(self.params).unwrap_or_default();
+        let sent: Value = serde_json::from_slice(line).unwrap_or_default();
+        let names = sent["hello"]["params"].as_object().into_iter().flat_map(Map::keys);
+        names.filter(|name| known.get(name).is_none()).cloned().collect()
+    }
 }
 
 /// A connected socket, which is read and written without waiting. It sends
@@ -48,12 +100,24 @@ pub(super) struct Hello {
 pub(super) struct Channel {
     reader: BufReader<UnixStream>,
     line: Vec<u8>,
+    /// Since when the next line is awaited; `None` once that was reported.
+    since: Option<Instant>,
 }
 
 impl Channel {
     pub(super) fn new(socket: UnixStream) -> io::Result<Self> {
         socket.set_nonblocking(true)?;
-        Ok(Self { reader: BufReader::new(socket), line: Vec::new() })
+        let since = Some(Instant::now());
+        Ok(Self { reader: BufReader::new(socket), line: Vec::new(), since })
+    }
+
+    /// Returns whether the next line is overdue; once for each line.
+    pub(super) fn is_overdue(&mut self) -> bool {
+        let is_overdue = self.since.is_some_and(|since| since.elapsed() >= OVERDUE_AFTER);
+        if is_overdue {
+            self.since = None;
+        }
+        is_overdue
     }
 
     /// Sends a line. A peer that is gone or takes nothing is noticed by the next read.
@@ -73,8 +137,14 @@ impl Channel {
         let left = MAX_LINE.saturating_sub(self.line.len() as u64);
         match self.reader.by_ref().take(left).read_until(b'\n', &mut self.line) {
             Ok(_) if self.line.ends_with(b"\n") => {
-                let line = serde_json::from_slice(&std::mem::take(&mut self.line));
-                line.map(Some).map_err(|cause| io::Error::new(ErrorKind::InvalidData, cause))
+                self.since = Some(Instant::now());
+                let bytes = std::mem::take(&mut self.line);
+                let mut line = serde_json::from_slice(&bytes)
+                    .map_err(|cause| io::Error::new(ErrorKind::InvalidData, cause))?;
+                if let Line::Hello(hello) = &mut line {
+                    hello.unknown = hello.unknown_in(&bytes);
+                }
+                Ok(Some(line))
             }
             Ok(_) if self.line.len() as u64 >= MAX_LINE => Err(ErrorKind::InvalidData.into()),
             Ok(_) => Err(ErrorKind::UnexpectedEof.into()),
@@ -112,7 +182,8 @@ mod tests {
         peer.write_all(format!("{}\n\"ready\"\n\"left\"\n", &hello[20..]).as_bytes()).unwrap();
         let params = SessionParams { wire_version: 9, ..SessionParams::at(500) };
         let params = params.with_gravity(0.3).with_time_mode(TimeMode::RealTime);
-        let expected = Hello { pid: 7, params, session: None };
+        let expected = Hello { pid: 7, ..Hello::of(params) };
+        assert_eq!(expected.version, 1, "if missing");
         assert_eq!(channel.next().unwrap(), Some(Line::Hello(expected)));
         drop(peer);
         assert_eq!(channel.next().unwrap(), Some(Line::Ready), "before the end");
@@ -131,7 +202,7 @@ mod tests {
                 line.starts_with("{\"") || line.starts_with("\"re") || *line == "\"left\""
             })
             .collect();
-        assert_eq!(examples.len(), 4);
+        assert_eq!(examples.len(), 6);
         for example in examples {
             let line: Line = serde_json::from_str(example).expect(example);
             assert_eq!(serde_json::to_string(&line).unwrap(), example);
@@ -146,12 +217,21 @@ mod tests {
         for gravity in [9.81, 0.1 + 0.2, 1.0 / 3.0, f32::MIN_POSITIVE, 3.711_000_2] {
             let params = SessionParams::at(1000).with_gravity(gravity).with_any_time_mode();
             let session = Some(Session { prefix: "p".to_owned(), folder: "/f".into() });
-            let hello = Line::Hello(Hello { pid: 1, params, session });
+            let hello = Line::Hello(Hello { session, ..Hello::of(params) });
             peer.send(&hello);
             assert_eq!(channel.next().unwrap(), Some(hello));
         }
         drop(peer);
         assert_eq!(channel.next().unwrap(), Some(Line::Left));
+    }
+
+    #[test]
+    fn a_misspelt_parameter_is_found() {
+        let (mut peer, mut channel) = channel();
+        let hello = r#"{"hello":{"pid":7,"params":{"wire_version":2,"rate_hz":500,"gravity_m_s2":0.3,"time_modes":"real-time"},"novelty":[]}}"#;
+        peer.write_all(format!("{hello}\n").as_bytes()).unwrap();
+        let Ok(Some(Line::Hello(hello))) = channel.next() else { panic!("a hello") };
+        assert_eq!(hello.unknown, ["time_modes"]);
     }
 
     #[test]

@@ -17,6 +17,7 @@
 
 mod error;
 mod hello;
+pub mod layout;
 mod link;
 mod observer;
 mod payload;
@@ -25,9 +26,10 @@ mod service;
 #[cfg(test)]
 mod tests;
 
-pub use error::{ConnectError, MissingPeer, Parameter};
+pub use error::{ConnectError, Half, MissingPeer, Parameter};
+pub(crate) use hello::{SESSION_VERSION, socket_in};
 pub use link::{ShmController, ShmLeg, ShmLink};
 pub use observer::{Observer, Participants};
 pub use payload::{Message, Payload};
 pub use peer_monitor::{PeerEvent, PeerMonitor};
-pub use service::config;
+pub use service::{Attributes, config};

@@ -8,12 +8,9 @@ use leg_control::wire::{Command, Sample};
 
 use super::error::{ConnectError, failed};
 use super::payload::{Message, Payload};
-use super::service::{Ipc, Service, node, text};
+use super::service::{Ipc, OBSERVER, Service, node, text};
 use crate::discovery::{Domain, DomainError, Session, holder};
 use crate::link::Role;
-
-/// Name of the observer's node and ports.
-const NAME: &str = "observer";
 
 /// Which roles of a domain are held.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -72,7 +69,7 @@ impl<T: Message> Reader<T> {
             .publish_subscribe::<Payload<T>>()
             .open()
             .map_err(text)?;
-        let port = PortName::new(NAME).map_err(text)?;
+        let port = PortName::new(OBSERVER).map_err(text)?;
         let subscriber = service.subscriber_builder().name(&port).buffer_size(1).create();
         Ok(Self { subscriber: subscriber.map_err(text)?, _service: service })
     }
@@ -96,7 +93,7 @@ impl Observer {
         let session = Session::current(&domain)
             .ok_or_else(|| failed("they have not connected to each other yet"))?;
         let join = || {
-            let node = node(&session, NAME)?;
+            let node = node(&session, OBSERVER)?;
             Ok::<_, String>((Reader::open(&node)?, Reader::open(&node)?, node))
         };
         let (samples, commands, node) = join().map_err(|cause| failed(&cause))?;

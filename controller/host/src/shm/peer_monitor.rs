@@ -13,8 +13,8 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use super::error::{ConnectError, disagreement, failed};
-use super::hello::{Channel, Hello, Line, SOCKET};
+use super::error::{ConnectError, Half, disagreement, failed};
+use super::hello::{Channel, Hello, Line, SESSION_VERSION, SOCKET};
 use super::payload::Message;
 use super::service::Ports;
 use crate::discovery::{Domain, DomainError, RoleLock, Session, holder};
@@ -50,7 +50,7 @@ enum PeerState<Out: Message, In: Message> {
     /// A process has connected; its hello is awaited.
     Greeted(Channel),
     /// Both ends agree; that the peer is ready is awaited.
-    Preparing(Channel, Peer, Ports<Out, In>),
+    Preparing(Channel, Peer, Session, Ports<Out, In>),
     Connected(Channel, Peer),
     /// The peer disagrees. It is kept until it leaves, so that it is reported once.
     Rejected(Channel),
@@ -185,7 +185,9 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
         }
         let step = match std::mem::replace(&mut state.peer, PeerState::Absent) {
             PeerState::Greeted(channel) => self.greet(channel),
-            PeerState::Preparing(channel, peer, ports) => self.prepare(channel, peer, ports),
+            PeerState::Preparing(channel, peer, session, ports) => {
+                self.prepare(channel, peer, session, ports)
+            }
             PeerState::Connected(channel, peer) => Ok(self.watch(channel, peer)),
             PeerState::Rejected(mut channel) => match channel.next() {
                 Ok(None) => Ok((PeerState::Rejected(channel), None)),
@@ -242,13 +244,26 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
         // Whatever failed, the next update tries again.
         let Ok(channel) = socket.and_then(Channel::new) else { return Ok(None) };
         if self.listener.is_none() {
-            channel.send(&self.hello(None));
+            channel.send(&Line::Hello(Hello::of(self.params)));
         }
         Ok(Some(channel))
     }
 
-    fn hello(&self, session: Option<Session>) -> Line {
-        Line::Hello(Hello { pid: std::process::id(), params: self.params, session })
+    /// Refuses a session, for a reason that the user of the peer can read.
+    fn refuse(&self, channel: &Channel, reason: String) {
+        channel.send(&match &self.listener {
+            Some(_) => Line::Hello(Hello { refused: Some(reason), ..Hello::of(self.params) }),
+            None => Line::Refused(reason),
+        });
+    }
+
+    /// Refuses a leg that connects while another is connected.
+    fn refuse_another(&self, connected: Peer) {
+        let next = self.listener.as_ref().and_then(|(_, listener)| listener.accept().ok());
+        if let Some(channel) = next.and_then(|(socket, _)| Channel::new(socket).ok()) {
+            let Peer { role, pid, .. } = connected;
+            self.refuse(&channel, format!("another {role} is connected (process {pid})"));
+        }
     }
 
     /// Compares the session parameters of a process that has connected.
@@ -261,36 +276,64 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
         };
         let hello = match channel.next() {
             Ok(Some(Line::Hello(hello))) => hello,
-            Ok(None) => return Ok((PeerState::Greeted(channel), None)),
+            Ok(None) => {
+                let event = channel.is_overdue().then(|| Self::half_met(None, Half::Hello));
+                return Ok((PeerState::Greeted(channel), event));
+            }
             Err(cause) if cause.kind() == ErrorKind::InvalidData => {
+                self.refuse(&channel, format!("the first line is not understood: {cause}"));
                 return Ok(reject(channel, not_understood(&cause)));
             }
             Ok(Some(_)) | Err(_) => return Ok((PeerState::Absent, None)),
         };
-        if let Some(error) = disagreement(In::SENDER, hello.params, self.params) {
-            if self.listener.is_some() {
-                channel.send(&self.hello(None));
-            }
+        let ours = (SESSION_VERSION, self.params);
+        let theirs = (hello.version, hello.params);
+        if let Some(error) = disagreement(In::SENDER, theirs, ours) {
+            // As the peer would state it.
+            let reason = disagreement(Out::SENDER, ours, theirs);
+            self.refuse(&channel, reason.map(|reason| reason.to_string()).unwrap_or_default());
             return Ok(reject(channel, error));
+        }
+        if let [name, ..] = &hello.unknown[..] {
+            let cause = format!("`{name}` is no parameter of this version");
+            self.refuse(&channel, cause.clone());
+            return Ok(reject(channel, not_understood(&cause)));
+        }
+        if let Some(reason) = hello.refused {
+            let refused = ConnectError::Refused { peer: In::SENDER, pid: hello.pid, reason };
+            return Ok(reject(channel, refused));
         }
         let session = match &self.listener {
             Some(_) => Some(Session::begin(&self.domain)?),
             None => hello.session,
         };
         let Some(session) = session.filter(|session| session.is_in(&self.domain)) else {
-            return Ok(reject(channel, not_understood(&"it names no session of this domain")));
+            let cause = format!(
+                "it names no session of this domain: the folder must lie in {} and the prefix begin with {}",
+                self.domain.root().display(),
+                self.domain.prefix()
+            );
+            self.refuse(&channel, cause.clone());
+            return Ok(reject(channel, not_understood(&cause)));
         };
-        let ports = Ports::create(&session)
-            .map_err(|cause| self.failed("create the shared memory", &cause))?;
+        let ports = Ports::create(&session).map_err(|cause| {
+            self.refuse(&channel, format!("the shared memory cannot be opened: {cause}"));
+            self.failed("create the shared memory", &cause)
+        })?;
         if self.listener.is_some() {
-            channel.send(&self.hello(Some(session)));
+            let session = Some(session.clone());
+            channel.send(&Line::Hello(Hello { session, ..Hello::of(self.params) }));
         } else {
             self.map_peer(&ports)?;
             channel.send(&Line::Ready);
         }
         let SessionParams { leg, estimator, .. } = hello.params;
         let peer = Peer { role: In::SENDER, pid: hello.pid, leg, estimator };
-        Ok((PeerState::Preparing(channel, peer, ports), None))
+        Ok((PeerState::Preparing(channel, peer, session, ports), None))
+    }
+
+    fn half_met(pid: Option<u32>, half: Half) -> PeerEvent {
+        PeerEvent::Failed(ConnectError::HalfMet { peer: In::SENDER, pid, half })
     }
 
     /// Passes the ports to the link, once those of the peer exist.
@@ -298,12 +341,33 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
         &self,
         mut channel: Channel,
         peer: Peer,
+        session: Session,
         ports: Ports<Out, In>,
     ) -> Result<Step<Out, In>, ConnectError> {
+        let Peer { pid, .. } = peer;
         match channel.next() {
             Ok(Some(Line::Ready)) => (),
-            Ok(None) => return Ok((PeerState::Preparing(channel, peer, ports), None)),
-            Ok(Some(_)) | Err(_) => return Ok((PeerState::Absent, None)),
+            Ok(None) => {
+                let event = channel.is_overdue().then(|| {
+                    let Session { prefix, folder } = session.clone();
+                    Self::half_met(Some(pid), Half::Ready { prefix, folder })
+                });
+                return Ok((PeerState::Preparing(channel, peer, session, ports), event));
+            }
+            Ok(Some(Line::Refused(reason))) => {
+                let refused = ConnectError::Refused { peer: In::SENDER, pid, reason };
+                return Ok((PeerState::Rejected(channel), Some(PeerEvent::Rejected(refused))));
+            }
+            Ok(Some(_)) | Err(_) => {
+                return Ok((PeerState::Absent, Some(Self::half_met(Some(pid), Half::Left))));
+            }
+        }
+        if let Some(missing) = ports.missing_of_peer() {
+            let Session { prefix, folder } = session;
+            let half = Half::Ports { missing, prefix, folder };
+            let error = ConnectError::HalfMet { peer: In::SENDER, pid: Some(pid), half };
+            self.refuse(&channel, error.to_string());
+            return Ok((PeerState::Absent, Some(PeerEvent::Failed(error))));
         }
         if self.listener.is_some() {
             self.map_peer(&ports)?;
@@ -328,7 +392,10 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
     fn watch(&self, mut channel: Channel, peer: Peer) -> Step<Out, In> {
         let Peer { role, pid, .. } = peer;
         let lost = match channel.next() {
-            Ok(None) => return (PeerState::Connected(channel, peer), None),
+            Ok(None) => {
+                self.refuse_another(peer);
+                return (PeerState::Connected(channel, peer), None);
+            }
             Ok(Some(Line::Left)) => LinkError::PeerLeft { role, pid },
             Ok(Some(_)) | Err(_) => LinkError::PeerDied { role, pid },
         };

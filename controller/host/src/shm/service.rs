@@ -8,10 +8,12 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::{
-    Config, FileName, LogLevel, Node, NodeName, Path, PortName, SemanticString, SignalHandlingMode,
-    ipc, set_log_level,
+    CallbackProgression, Config, FileName, LogLevel, Node, NodeName, Path, PortName,
+    SemanticString, SignalHandlingMode, ipc, set_log_level,
 };
+use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+use serde::Serialize;
 
 use super::payload::{Message, Payload};
 use crate::discovery::Session;
@@ -19,6 +21,9 @@ use crate::discovery::Session;
 /// The variant of iceoryx2. (`ipc_threadsafe` locks a mutex at each access: a tick takes a
 /// sixth longer.)
 pub(super) type Ipc = ipc::Service;
+
+/// Name of an observer's node and ports.
+pub(super) const OBSERVER: &str = "observer";
 
 /// Subscribers of each service: the peer, and seven observers such as live views.
 const MAX_READERS: usize = 8;
@@ -75,17 +80,43 @@ pub(super) fn node(session: &Session, name: &str) -> Result<Node<Ipc>, String> {
 /// usual loop of a program in Python does.
 const MAX_BORROWED: usize = 2;
 
+/// The attributes with which a service is created, by the names of iceoryx2.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Attributes {
+    max_publishers: usize,
+    max_subscribers: usize,
+    max_nodes: usize,
+    subscriber_max_buffer_size: usize,
+    subscriber_max_borrowed_samples: usize,
+    history_size: usize,
+    enable_safe_overflow: bool,
+}
+
+/// Returns the attributes of each service of a session.
+pub(super) fn attributes() -> Attributes {
+    Attributes {
+        max_publishers: 1,
+        max_subscribers: MAX_READERS,
+        max_nodes: MAX_NODES,
+        subscriber_max_buffer_size: 1,
+        subscriber_max_borrowed_samples: MAX_BORROWED,
+        history_size: 0,
+        enable_safe_overflow: true,
+    }
+}
+
 /// Opens the service that transports messages of type `T`, or creates it.
 fn service<T: Message>(node: &Node<Ipc>) -> Result<Service<T>, String> {
+    let wanted = attributes();
     node.service_builder(&T::SERVICE.try_into().map_err(text)?)
         .publish_subscribe::<Payload<T>>()
-        .max_publishers(1)
-        .max_subscribers(MAX_READERS)
-        .max_nodes(MAX_NODES)
-        .subscriber_max_buffer_size(1)
-        .subscriber_max_borrowed_samples(MAX_BORROWED)
-        .history_size(0)
-        .enable_safe_overflow(true)
+        .max_publishers(wanted.max_publishers)
+        .max_subscribers(wanted.max_subscribers)
+        .max_nodes(wanted.max_nodes)
+        .subscriber_max_buffer_size(wanted.subscriber_max_buffer_size)
+        .subscriber_max_borrowed_samples(wanted.subscriber_max_borrowed_samples)
+        .history_size(wanted.history_size)
+        .enable_safe_overflow(wanted.enable_safe_overflow)
         .open_or_create()
         .map_err(text)
 }
@@ -97,7 +128,7 @@ fn service<T: Message>(node: &Node<Ipc>) -> Result<Service<T>, String> {
 pub(super) struct Ports<Out: Message, In: Message> {
     pub(super) publisher: Publisher<Ipc, Payload<Out>, ()>,
     pub(super) subscriber: Subscriber<Ipc, Payload<In>, ()>,
-    _services: (Service<Out>, Service<In>),
+    services: (Service<Out>, Service<In>),
     _node: Node<Ipc>,
 }
 
@@ -118,7 +149,23 @@ impl<Out: Message, In: Message> Ports<Out, In> {
         let subscriber =
             incoming.subscriber_builder().name(&port).buffer_size(1).create().map_err(text)?;
         let publisher = outgoing.publisher_builder().name(&port).create().map_err(text)?;
-        Ok(Self { publisher, subscriber, _services: (outgoing, incoming), _node: node })
+        Ok(Self { publisher, subscriber, services: (outgoing, incoming), _node: node })
+    }
+
+    /// Returns the ports of the peer that do not exist, with their services. Observers are not
+    /// counted.
+    pub(super) fn missing_of_peer(&self) -> Option<String> {
+        let (outgoing, incoming) = &self.services;
+        let mut has_subscriber = false;
+        outgoing.dynamic_config().list_subscribers(|subscriber| {
+            has_subscriber |= subscriber.subscriber_name.as_str() != OBSERVER;
+            CallbackProgression::Continue
+        });
+        let publisher = (incoming.dynamic_config().number_of_publishers() == 0)
+            .then(|| format!("publisher at {}", In::SERVICE));
+        let subscriber = (!has_subscriber).then(|| format!("subscriber at {}", Out::SERVICE));
+        let missing: Vec<_> = publisher.into_iter().chain(subscriber).collect();
+        (!missing.is_empty()).then(|| missing.join(" and no "))
     }
 
     /// Maps the memory of the peer's ports, which must exist. Whatever a peer sends before

@@ -90,8 +90,9 @@ fn both_sides_reject_another_time_mode_unless_one_accepts_any() {
         assert!(message.contains(part), "{message}");
     }
     for params in [lock_step, real_time, lock_step.with_any_time_mode()] {
-        assert!(disagreement(Role::Leg, params, lock_step.with_any_time_mode()).is_none());
-        assert!(disagreement(Role::Leg, lock_step.with_any_time_mode(), params).is_none());
+        let any = lock_step.with_any_time_mode();
+        assert!(disagreement(Role::Leg, (1, params), (1, any)).is_none());
+        assert!(disagreement(Role::Leg, (1, any), (1, params)).is_none());
     }
 }
 
@@ -147,24 +148,37 @@ fn a_peer_that_ends_while_it_connects_is_forgotten() {
     let dir = tempfile::tempdir().unwrap();
     let domain = domain(&dir);
     let params = SessionParams::at(1000);
-    let hello = |session| Line::Hello(Hello { pid: 7, params, session });
+    let hello = |session| Line::Hello(Hello { pid: 7, session, ..Hello::of(params) });
     let mut controller = ShmController::open(&domain, params, &Stop::default()).unwrap();
     let update = |controller: &ShmController| controller.monitor().update().unwrap();
+    let mut half_met = Vec::new();
     for lines in [vec![], vec![hello(None)], vec![hello(None), Line::Ready]] {
         let leg = Channel::new(UnixStream::connect(domain.root().join(SOCKET)).unwrap()).unwrap();
         for line in &lines {
             leg.send(line);
         }
         for _ in 0..2 {
-            assert!(!matches!(update(&controller), Some(PeerEvent::Rejected(_))));
+            match update(&controller) {
+                None => (),
+                Some(PeerEvent::Failed(cause)) => half_met.push(cause.to_string()),
+                other => panic!("{other:?}"),
+            }
         }
         drop(leg);
         for _ in 0..3 {
-            let event = update(&controller);
-            assert!(matches!(event, None | Some(PeerEvent::Connected(_) | PeerEvent::Lost(_))));
+            if let Some(event) = update(&controller) {
+                let PeerEvent::Failed(cause) = event else { panic!("{event:?}") };
+                half_met.push(cause.to_string());
+            }
         }
         assert!(controller.peer().is_none());
     }
+    let [left, no_ports] = &half_met[..] else { panic!("{half_met:?}") };
+    let process = "process 7 has connected as the simulator, but";
+    assert!(left.starts_with(&format!("{process} left before it was ready")), "{left}");
+    let missing = "has no publisher at leg/samples and no subscriber at leg/commands";
+    assert!(no_ports.starts_with(&format!("{process} {missing}")), "{no_ports}");
+    assert!(no_ports.contains(domain.prefix()), "{no_ports}");
     std::thread::scope(|scope| {
         let leg = scope.spawn(|| ShmLeg::connect(&domain, params, LONG, &Stop::default()));
         controller.wait_for_peer(Some(LONG), |_| true).unwrap();
@@ -186,7 +200,8 @@ fn a_peer_that_ends_while_it_connects_is_forgotten() {
             assert_eq!(killed.next().unwrap(), Some(Line::Ready));
         }
         drop(killed);
-        assert!(leg.monitor().update().unwrap().is_none());
+        let event = leg.monitor().update().unwrap();
+        assert_eq!(matches!(event, Some(PeerEvent::Failed(_))), ports.is_some(), "{event:?}");
         drop(ports);
     }
     drop((file, listener));
@@ -209,7 +224,7 @@ fn a_leg_whose_try_to_connect_failed_tries_again_and_names_the_cause() {
     let _other = node.service_builder(&name).publish_subscribe::<u64>().create().unwrap();
     assert!(monitor.update().unwrap().is_none());
     let controller = Channel::new(listener.accept().unwrap().0).unwrap();
-    controller.send(&Line::Hello(Hello { pid: 7, params, session: Some(session) }));
+    controller.send(&Line::Hello(Hello { session: Some(session), ..Hello::of(params) }));
     let event = monitor.update().unwrap();
     let Some(PeerEvent::Failed(cause)) = event else { panic!("{event:?}") };
     let cause = cause.to_string();

@@ -109,8 +109,13 @@ pub(super) fn with_controller<R>(
 /// controller started here ends the run, so that error reports it.
 fn printer(spawned: bool) -> impl FnMut(SessionEvent<'_>) {
     let mut printed = false;
+    let mut failure = None;
     move |event| match event {
         SessionEvent::Missing(missing) => {
+            if missing.failure != failure {
+                failure.clone_from(&missing.failure);
+                stderr::print_line(format_args!("sim-host: {missing}; still waiting"));
+            }
             if !(printed || spawned) && missing.waited >= REPORT_AFTER {
                 printed = true;
                 stderr::print_line(format_args!(

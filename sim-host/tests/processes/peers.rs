@@ -1,0 +1,180 @@
+//! Programs of another language at the other end: the scripts in `sim-host/peers`.
+
+use std::f64::consts::FRAC_PI_2;
+use std::path::Path;
+use std::process::Command;
+
+use leg_control::policy::{Policy, SHIPPED};
+use leg_control::wire::{self, Header, Sample, WIRE_VERSION};
+use leg_control::wire_controller::WireController;
+use leg_host::Domain;
+use leg_plant::{Event, EventKind};
+use sim_host::scenario::{Scenario, Settings};
+use sim_host::session::{Options, TickRecord, stepped};
+
+use crate::place::{Place, Running, text, wait_until};
+use crate::{ENDLESS, LONG_TIMEOUT};
+
+const SCRIPTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/peers");
+
+/// Starts a script of this folder in the test domain.
+fn script(place: &Place, python: &Path, name: &str, more: &[&str]) -> Running {
+    let mut command = Command::new(python);
+    command.arg(format!("{SCRIPTS}/{name}")).args(["--domain", place.domain()]).args(more);
+    Running::start(&mut command)
+}
+
+fn scenario(set_point_m_s: f64, duration_s: f64) -> Scenario {
+    let settings = Settings {
+        set_point_m_s: Some(set_point_m_s),
+        duration_s: Some(duration_s),
+        ..Settings::default()
+    };
+    Scenario::from_settings(&settings).expect("valid")
+}
+
+/// Returns the horizontal velocity at each apex of a run with this law, m/s, and its hash.
+fn played(
+    scenario: &Scenario,
+    law: impl FnMut(Option<&Sample>) -> wire::Command,
+) -> (Vec<f64>, u64) {
+    let mut apexes = Vec::new();
+    let observe = |tick: &TickRecord<'_>| {
+        let is_apex = |event: &&Event| event.kind == EventKind::Apex;
+        apexes.extend(tick.events.iter().filter(is_apex).map(|event| event.body.vx_m_s));
+    };
+    let outcome = stepped::run(scenario, law, Options::default(), observe).expect("no link");
+    (apexes, outcome.state_hash)
+}
+
+fn with_the_shipped_policy(set_point_m_s: f64, duration_s: f64) -> Vec<f64> {
+    let scenario = scenario(set_point_m_s, duration_s);
+    let policy = Policy::parse(SHIPPED).expect("shipped");
+    let mut controller =
+        WireController::new(policy, scenario.controller_config().expect("a configuration"));
+    played(&scenario, |sample| controller.tick(sample)).0
+}
+
+fn apexes(report: &str) -> Vec<f64> {
+    let report: serde_json::Value = serde_json::from_str(report).expect(report);
+    let apexes = report["apexes_m_s"].as_array().expect("a list").clone();
+    apexes.iter().map(|vx| vx.as_f64().expect("a number")).collect()
+}
+
+#[test]
+fn a_leg_in_python_hops_in_lock_step_as_our_own_plant() {
+    let Some(python) = requirements::python() else { return };
+    for (set_point_m_s, duration_s) in [(0.0, 12.0), (1.0, 20.0), (-0.5, 12.0)] {
+        let place = Place::new();
+        let controller = place.start("controller", &["--once", "--domain", place.domain()]);
+        place.wait_for_the_controller();
+        let [set_point, duration] = [set_point_m_s, duration_s].map(|x: f64| x.to_string());
+        let more = ["--set-point", &set_point, "--duration", &duration];
+        let leg = script(&place, &python, "leg.py", &more).end();
+        let controller = controller.end();
+        let (theirs, ours) =
+            (apexes(&leg.assert_ok().out), with_the_shipped_policy(set_point_m_s, duration_s));
+        assert_eq!(theirs.len(), ours.len(), "{theirs:?} {ours:?}");
+        assert!(theirs.len() > 8, "{theirs:?}");
+        for (theirs, ours) in theirs.iter().zip(&ours) {
+            assert!((theirs - ours).abs() < 1e-4, "{theirs} m/s at an apex, ours {ours} m/s");
+        }
+        let ticks = format!("{} ticks", 1000.0 * duration_s);
+        assert!(controller.assert_ok().out.contains(&ticks), "{}", controller.out);
+        assert!(controller.out.contains("0 samples rejected"), "{}", controller.out);
+        place.assert_clean();
+    }
+}
+
+/// How many ticks either side misses depends on the machine; that the leg hops does not.
+#[test]
+fn a_leg_in_python_hops_in_real_time() {
+    let Some(python) = requirements::python() else { return };
+    let place = Place::new();
+    let real_time = ["--once", "--real-time", "--domain", place.domain()];
+    let controller = place.start("controller", &real_time);
+    place.wait_for_the_controller();
+    let more = ["--mode", "real-time", "--duration", "5"];
+    let leg = script(&place, &python, "leg.py", &more).end();
+    assert!(apexes(&leg.assert_ok().out).len() >= 3, "{}", leg.out);
+    controller.end().assert_ok();
+    place.assert_clean();
+}
+
+#[test]
+fn a_controller_in_python_moves_our_leg_as_its_law_does_within_our_process() {
+    let Some(python) = requirements::python() else { return };
+    let place = Place::new();
+    let controller = script(&place, &python, "controller.py", &[]);
+    wait_until(|| {
+        let listens = place.root().join("session.sock").exists();
+        if listens { Ok(()) } else { Err("it does not listen".to_owned()) }
+    });
+    let run = place.simulator(&["--duration", "20", "--set-point", "0.5", "--timeout", "30"]).end();
+    assert!(controller.end().assert_ok().out.contains("\"ticks\": 20000"));
+    let law = |sample: Option<&Sample>| {
+        let Sample { header, vx_m_s, set_point_m_s, .. } = *sample.expect("no fault");
+        let angle_rad = FRAC_PI_2 + 0.17 * f64::from(vx_m_s) - 0.05 * f64::from(set_point_m_s);
+        let header = Header { version: WIRE_VERSION, flags: 0, ..header };
+        wire::Command { header, leg_angle_rad: angle_rad as f32, ..wire::Command::default() }
+    };
+    let (apexes, hash) = played(&scenario(0.5, 20.0), law);
+    assert!(apexes.len() > 8, "{apexes:?}");
+    assert_eq!(run.assert_ok().state_hash(), format!("{hash:016x}"), "{}", run.out);
+    // A script leaves its memory; the next process to join removes it.
+    drop(Domain::join(place.domain()).expect("join"));
+    place.assert_clean();
+}
+
+#[test]
+fn the_scripts_are_as_short_as_the_documents_say() {
+    for name in ["leg.py", "controller.py"] {
+        let script = std::fs::read_to_string(format!("{SCRIPTS}/{name}")).expect(name);
+        assert!(script.lines().count() <= 60, "{name}");
+    }
+}
+
+#[test]
+fn the_command_domain_prints_what_a_program_needs_to_connect() {
+    let place = Place::new();
+    let report = || {
+        let domain = ["domain", "--json", "--domain", place.domain()];
+        let printed = place.start("controller", &domain).end();
+        serde_json::from_str::<serde_json::Value>(&printed.assert_ok().out).expect("JSON")
+    };
+    let nobody = report();
+    assert_eq!(nobody["prefix"], serde_json::Value::Null);
+    assert_eq!(nobody["socket"], text(&place.root().join("session.sock")));
+    assert!(!place.root().exists(), "nothing is created");
+
+    let mut simulator = place.simulator(&ENDLESS);
+    let mut controller = place.controller(&LONG_TIMEOUT);
+    place.wait_for_the_run(None);
+    let report = report();
+    let domain = Domain::join(place.domain()).expect("join");
+    assert_eq!(report["prefix"], domain.prefix());
+    drop(domain);
+    for (role, pid) in [("leg", simulator.pid()), ("controller", controller.pid())] {
+        assert_eq!(report[role], serde_json::json!({"is_held": true, "pid": pid}));
+    }
+    let session = &report["session"];
+    let folder = session["folder"].as_str().expect("a session");
+    assert!(std::path::Path::new(folder).is_dir(), "{folder}");
+    assert!(
+        session["prefix"].as_str().expect("one").starts_with(report["prefix"].as_str().unwrap())
+    );
+    let samples = &report["services"][0];
+    assert_eq!(
+        (&samples["name"], &samples["payload_type"], &samples["bytes"]),
+        (&"leg/samples".into(), &"leg.sample.v2".into(), &96.into())
+    );
+    assert_eq!(samples["fields"][5]["offset"], 24);
+    let text = place.start("controller", &["domain", "--domain", place.domain()]).end();
+    for part in [folder, "leg.command.v2, 64 bytes, alignment 8", " 24  f32       set_point_m_s"] {
+        assert!(text.assert_ok().out.contains(part), "`{part}` is not in: {}", text.out);
+    }
+    simulator.signal(rustix::process::Signal::INT);
+    simulator.end();
+    controller.end();
+    place.assert_clean();
+}
