@@ -36,7 +36,7 @@ const ALLOWED: [(&str, &[&str]); 5] = [
 ];
 
 /// Packages of this workspace that each package may depend on.
-const ARROWS: [(&str, &[&str]); 7] = [
+const ARROWS: [(&str, &[&str]); 8] = [
     ("leg-process", &["leg-control"]),
     ("leg-recording", &["leg-control"]),
     // `controller estimate` reads recordings and draws estimates.
@@ -54,6 +54,19 @@ const ARROWS: [(&str, &[&str]); 7] = [
             "leg-host",
             "leg-plant",
             "leg-process",
+            "sim-host",
+            "trainer",
+        ],
+    ),
+    // The Python package offers what the others do, and adds no physics or law of its own.
+    (
+        "leg-python",
+        &[
+            "leg-control",
+            "leg-host",
+            "leg-plant",
+            "leg-process",
+            "leg-recording",
             "sim-host",
             "trainer",
         ],

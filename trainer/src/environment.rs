@@ -12,7 +12,7 @@
 mod tests;
 
 use crate::config::{Config, Episode, MediumDraw, Reward};
-use crate::world::{Shown, World};
+use crate::world::{PathPoint, Shown, World};
 use leg_control::leg::LegModel;
 use leg_plant::{Action, Apex, EARTH_GRAVITY_M_S2, Leg};
 use rand::{Rng, RngExt};
@@ -315,12 +315,23 @@ impl<'a> Environment<'a> {
         self.act([0, 1].map(|i| f64::from(n.action_offset[i] + n.action_scale[i] * unit[i])))
     }
 
-    /// Takes a step with an action in rad and m/s, clipped to the leg's bounds.
-    pub fn act(&mut self, action: [f64; 2]) -> Outcome {
+    /// Returns an action within the leg's bounds.
+    fn within_bounds(&self, action: [f64; 2]) -> Action {
         let n = &self.config.network;
         let [touchdown_angle_rad, elongation_speed_m_s] = [0, 1]
             .map(|i| action[i].clamp(f64::from(n.action_low[i]), f64::from(n.action_high[i])));
-        let action = Action { touchdown_angle_rad, elongation_speed_m_s };
+        Action { touchdown_angle_rad, elongation_speed_m_s }
+    }
+
+    /// Returns the way of the hop that [`Self::act`] would take with this action.
+    #[must_use]
+    pub fn path(&self, action: [f64; 2]) -> Vec<PathPoint> {
+        self.world.path(self.apex, self.within_bounds(action))
+    }
+
+    /// Takes a step with an action in rad and m/s, clipped to the leg's bounds.
+    pub fn act(&mut self, action: [f64; 2]) -> Outcome {
+        let action = self.within_bounds(action);
         let next = self.world.hop(self.apex, action);
         let reward = match self.bias {
             None => self.config.reward.of(action, next, self.start.density_ratio),

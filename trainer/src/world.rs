@@ -27,7 +27,8 @@ use crate::config::{Distribution, Parameter, Randomisation};
 use crate::environment::{leg, normal};
 use hop::Body;
 use leg_plant::{
-    Action, Apex, EARTH_GRAVITY_M_S2, Hopper, Leg, LegParameters, Losses, Medium, Tolerance,
+    Action, Apex, EARTH_GRAVITY_M_S2, Hopper, Leg, LegParameters, Losses, Medium, Phase, TickPlant,
+    Tolerance,
 };
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -70,6 +71,19 @@ impl PerHop {
             self.now = distribution.draw(rng);
         }
     }
+}
+
+/// A point of the way of a hop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PathPoint {
+    /// Horizontal place of the mass.
+    pub x_m: f64,
+    /// Height of the mass.
+    pub y_m: f64,
+    /// Height of the ground.
+    pub ground_m: f64,
+    /// Place and height of the foot while it is on the ground.
+    pub foot: Option<[f64; 2]>,
 }
 
 /// What an actor observes at an apex: vx in m/s, y in m, and the density ratio.
@@ -200,6 +214,26 @@ impl World {
         self.ground_m.draw();
         self.noise.iter_mut().for_each(PerHop::draw);
         next.map(|apex| Apex { y_m: apex.y_m + ground_m, ..apex })
+    }
+
+    /// Returns the way of the hop that [`Self::hop`] would take, in points of at most 20 ms; places
+    /// count from its start.
+    #[must_use]
+    pub fn path(&self, start: Apex, action: Action) -> Vec<PathPoint> {
+        let ground_m = self.ground_m.now;
+        let above = Apex { y_m: start.y_m - ground_m, ..start };
+        let before = self.in_force.unwrap_or(action);
+        let mut path = vec![PathPoint { x_m: 0.0, y_m: start.y_m, ground_m, foot: None }];
+        let mut add = |plant: &TickPlant| {
+            let body = plant.body();
+            let foot = match plant.phase() {
+                Phase::Stance { foot_x_m, foot_y_m } => Some([foot_x_m, foot_y_m + ground_m]),
+                Phase::Flight | Phase::Fallen => None,
+            };
+            path.push(PathPoint { x_m: body.x_m, y_m: body.y_m + ground_m, ground_m, foot });
+        };
+        let _ = self.body.hop_observed(above, action, before.touchdown_angle_rad, &mut add);
+        path
     }
 
     /// Returns whether anything was drawn for this world.

@@ -9,6 +9,7 @@ mod hil;
 mod image;
 mod lanes;
 mod programs;
+mod python;
 mod setup;
 mod soak;
 mod step;
@@ -41,6 +42,8 @@ enum Command {
     Hil(hil::Args),
     /// Check that no firmware image can panic.
     Image,
+    /// Build the Python package, install it into an environment of its own, and test it.
+    Python(python::Args),
     /// Run the tests of the firmware over many ticks.
     Soak(soak::Args),
 }
@@ -54,6 +57,7 @@ fn main() -> ExitCode {
         Command::Flash(args) => flash::run(&args),
         Command::Hil(args) => hil::run(&args),
         Command::Image => image::run(),
+        Command::Python(args) => python::run(&args),
         Command::Soak(args) => soak::run(&args),
     };
     match result {

@@ -35,6 +35,18 @@ impl Body {
     /// Without losses and delay this is the apex map. As there, a hop of more than [`MAX_STANCES`]
     /// stances is a fall, and so is one that takes too long.
     pub(super) fn hop(&self, start: Apex, action: Action, angle_before_rad: f64) -> Option<Apex> {
+        self.hop_observed(start, action, angle_before_rad, &mut |_| ())
+    }
+
+    /// Computes a hop as [`Self::hop`] does, and passes the plant to `observe` every [`HELD_S`] or
+    /// sooner. The plant may pass the next apex, by less than that.
+    pub(super) fn hop_observed(
+        &self,
+        start: Apex,
+        action: Action,
+        angle_before_rad: f64,
+        observe: &mut impl FnMut(&TickPlant),
+    ) -> Option<Apex> {
         let start = leg_plant::Body { x_m: 0.0, vx_m_s: start.vx_m_s, y_m: start.y_m, vy_m_s: 0.0 };
         let mut plant =
             TickPlant::new(self.leg, start).with_losses(self.losses).with_tolerance(self.tolerance);
@@ -67,6 +79,7 @@ impl Body {
                 plant = before;
                 events = step(&mut plant, landed_s);
             }
+            observe(&plant);
             for event in events.iter() {
                 match event.kind {
                     EventKind::Touchdown { .. } if stances < MAX_STANCES => stances += 1,

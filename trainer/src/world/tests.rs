@@ -284,3 +284,27 @@ fn a_share_of_the_episodes_is_randomised() {
     let none = Randomisation { share: 0.0, ..everything() };
     assert!((0..100).all(|episode| values(&draw(&none, episode)).iter().all(Option::is_none)));
 }
+
+#[test]
+fn the_path_of_a_hop_leads_to_its_next_apex() {
+    for table in [Randomisation::default(), everything()] {
+        let mut world = draw(&table, 3);
+        let mut start = APEX;
+        for hop in 0..3 {
+            let path = world.path(start, ACTION);
+            assert_eq!(path, world.path(start, ACTION), "it changes nothing");
+            let ground_m = path[0].ground_m;
+            assert_eq!((path[0].x_m, path[0].y_m), (0.0, start.y_m));
+            let feet: Vec<_> = path.iter().filter_map(|point| point.foot).collect();
+            assert!(!feet.is_empty() && feet.iter().all(|foot| foot[1] == ground_m), "{feet:?}");
+            let Some(next) = world.hop(start, ACTION) else {
+                assert!(hop > 0, "a fall at once");
+                break;
+            };
+            // The last point lies up to 20 ms after the apex.
+            let last = path[path.len() - 1];
+            assert!((0.0..0.003).contains(&(next.y_m - last.y_m)), "{last:?} {next:?}");
+            start = next;
+        }
+    }
+}
