@@ -1,10 +1,11 @@
 //! The frozen actor: a small multi-layer perceptron, read in place.
 //!
-//! ReLU between layers, tanh at the end, in f32. The order of operations is
+//! One function between all layers, tanh or nothing at the end, in f32. The order of operations is
 //! fixed (bias first, then the inputs in ascending order, each product rounded
 //! before its sum) and nothing is fused, so that every target returns the same
 //! bits. Weights lie as the kernel reads them: see [`packed_len`] and [`pack`].
 
+mod activation;
 mod kernel;
 mod network;
 mod packing;
@@ -14,8 +15,11 @@ use kernel::{Chosen, Kernel, Portable};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+pub use activation::{Activation, Activations, GELU_CUBE, GELU_SLOPE, OutputActivation};
 pub use packing::{PANEL_ROWS, pack};
-pub use shape::{INPUTS, MAX_LAYERS, MAX_WIDTH, OUTPUTS, ShapeError, Widths, packed_len};
+pub use shape::{
+    INPUTS, MAX_LAYERS, MAX_WEIGHTS, MAX_WIDTH, OUTPUTS, ShapeError, Widths, packed_len,
+};
 
 /// The input of the actor, once an apex.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -57,10 +61,11 @@ impl ObservationScaling {
     pub const IDENTITY: Self = Self { offset: [0.0; INPUTS], scale: [1.0; INPUTS] };
 }
 
-/// Action = clip(offset + scale * tanh(network output), low, high), per component.
+/// Action = clip(offset + scale * f(network output), low, high), per component, with the
+/// [`OutputActivation`] f.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ActionScaling {
-    /// Of the tanh: rad, m/s.
+    /// Of the output: rad, m/s.
     pub scale: [f32; OUTPUTS],
     /// Added to it: rad, m/s.
     pub offset: [f32; OUTPUTS],
@@ -74,6 +79,7 @@ pub struct ActionScaling {
 #[derive(Clone, Debug)]
 pub struct Actor<'a> {
     widths: Widths,
+    activations: Activations,
     observation: ObservationScaling,
     action: ActionScaling,
     weights: &'a [f32],
@@ -83,10 +89,11 @@ impl<'a> Actor<'a> {
     /// Returns an actor over packed weights.
     ///
     /// # Errors
-    /// [`ShapeError`] when the widths are not those of an actor, or the number of weights
-    /// is another than theirs.
+    /// [`ShapeError`] when the widths are not those of an actor, the number of weights
+    /// is another than theirs, or the parameter of an activation is out of range.
     pub fn new(
         widths: Widths,
+        activations: Activations,
         observation: ObservationScaling,
         action: ActionScaling,
         weights: &'a [f32],
@@ -95,13 +102,22 @@ impl<'a> Actor<'a> {
         if weights.len() != expected {
             return Err(ShapeError::Weights { expected, found: weights.len() });
         }
-        Ok(Self { widths, observation, action, weights })
+        if !activations.hidden.is_valid() {
+            return Err(ShapeError::Activation);
+        }
+        Ok(Self { widths, activations, observation, action, weights })
     }
 
     /// Returns the widths from the inputs to the outputs.
     #[must_use]
     pub fn widths(&self) -> &[u16] {
         &self.widths
+    }
+
+    /// Returns the functions between the layers and at the end.
+    #[must_use]
+    pub fn activations(&self) -> Activations {
+        self.activations
     }
 
     /// Returns the packed weights, in the order of the kernel.
@@ -117,15 +133,15 @@ impl<'a> Actor<'a> {
         let scaling = &self.observation;
         let input = (observation.vector() - Vector3::from(scaling.offset))
             .component_mul(&Vector3::from(scaling.scale));
-        let [z0, z1] = self.sums(input.into());
+        let [u0, u1] = self.sums(input.into()).map(|z| self.activations.output.of(z));
         let ActionScaling { scale, offset, low, high } = self.action;
         Action {
-            touchdown_angle_rad: clip(offset[0] + scale[0] * libm::tanhf(z0), low[0], high[0]),
-            elongation_speed_m_s: clip(offset[1] + scale[1] * libm::tanhf(z1), low[1], high[1]),
+            touchdown_angle_rad: clip(offset[0] + scale[0] * u0, low[0], high[0]),
+            elongation_speed_m_s: clip(offset[1] + scale[1] * u1, low[1], high[1]),
         }
     }
 
-    /// Returns the last sums of the network, before tanh, for scaled inputs.
+    /// Returns the last sums of the network for scaled inputs.
     #[must_use]
     pub fn sums(&self, input: [f32; INPUTS]) -> [f32; OUTPUTS] {
         self.sums_by::<Chosen>(input)
@@ -140,7 +156,10 @@ impl<'a> Actor<'a> {
 
     #[inline(never)]
     fn sums_by<K: Kernel>(&self, input: [f32; INPUTS]) -> [f32; OUTPUTS] {
-        network::sums::<K>(&self.widths, self.weights, input)
+        match self.activations.hidden {
+            Activation::Relu => network::sums::<K>(&self.widths, self.weights, input),
+            other => network::activated_sums::<K>(&self.widths, other, self.weights, input),
+        }
     }
 }
 

@@ -312,6 +312,12 @@ impl<'de> Reader<'de> {
         self.from = &[];
     }
 
+    /// Fails at the number of a variant that is unknown; returns the first variant.
+    pub(crate) fn refuse<T: Default>(&mut self) -> T {
+        self.fail(Error::DeserializeBadEnum);
+        T::default()
+    }
+
     #[inline(never)]
     pub(crate) fn u8(&mut self) -> u8 {
         if let Some((&byte, rest)) = self.from.split_first() {

@@ -4,7 +4,7 @@ use crate::config::Config;
 use crate::environment::leg_model;
 use crate::net::mlp::Layer;
 use leg_control::actor::{
-    ActionScaling, Actor, ObservationScaling, PANEL_ROWS, ShapeError, Widths, pack,
+    ActionScaling, Activations, Actor, ObservationScaling, PANEL_ROWS, ShapeError, Widths, pack,
 };
 use leg_control::policy::{
     GainPoint, GainSchedule, Manifest, Media, Policy, Provenance, WriteError, write,
@@ -16,6 +16,8 @@ use leg_process::policy_file::AlignedBytes;
 pub struct PackedActor {
     /// Width of every layer, from the inputs to the outputs.
     pub widths: Widths,
+    /// Functions between the layers and at the end.
+    pub activations: Activations,
     /// Maps an observation (m/s, m, density ratio) to the network's inputs.
     pub observation: ObservationScaling,
     /// Maps the network's outputs to an action (rad, m/s).
@@ -29,9 +31,11 @@ impl PackedActor {
     /// Packs layers whose weights are stored row by row, one row an output.
     ///
     /// # Errors
-    /// [`ShapeError`] when the number of layers or a width is not one of an actor.
+    /// [`ShapeError`] when the number of layers or a width is not one of an actor, or the
+    /// parameter of an activation is out of range.
     pub fn new(
         layers: &[Layer],
+        activations: Activations,
         observation: ObservationScaling,
         action: ActionScaling,
     ) -> Result<Self, ShapeError> {
@@ -46,8 +50,8 @@ impl PackedActor {
             widths.push(width(layer.bias.len())).map_err(|_| too_many())?;
             pack(&layer.weights, &layer.bias, layer.inputs, |x| weights.push(x));
         }
-        let packed = Self { widths, observation, action, weights };
-        Actor::new(packed.widths.clone(), observation, action, &packed.weights)?;
+        let packed = Self { widths, activations, observation, action, weights };
+        Actor::new(packed.widths.clone(), activations, observation, action, &packed.weights)?;
         Ok(packed)
     }
 
@@ -66,7 +70,7 @@ impl PackedActor {
             low: n.action_low,
             high: n.action_high,
         };
-        Self::new(layers, observation, action).expect("an actor 3-50-50-2")
+        Self::new(layers, Activations::default(), observation, action).expect("an actor 3-50-50-2")
     }
 
     /// Returns the layers in the form that [`Self::new`] takes.
@@ -89,7 +93,8 @@ impl PackedActor {
     /// If the public fields were changed so that they no longer fit together.
     #[must_use]
     pub fn actor(&self) -> Actor<'_> {
-        Actor::new(self.widths.clone(), self.observation, self.action, &self.weights)
+        let Self { activations, observation, action, .. } = *self;
+        Actor::new(self.widths.clone(), activations, observation, action, &self.weights)
             .expect("checked by PackedActor::new")
     }
 }
@@ -99,6 +104,7 @@ impl From<&Policy<'_>> for PackedActor {
         let manifest = policy.manifest();
         Self {
             widths: manifest.widths.clone(),
+            activations: manifest.activations,
             observation: manifest.observation,
             action: manifest.action,
             weights: policy.actor().weights().to_vec(),
@@ -155,6 +161,7 @@ pub fn blob(actor: &PackedActor, info: &PolicyInfo<'_>) -> Result<AlignedBytes, 
     let manifest = Manifest {
         name: info.name,
         widths: actor.widths.clone(),
+        activations: actor.activations,
         observation: actor.observation,
         action: actor.action,
         leg: leg_model(),
@@ -190,7 +197,7 @@ pub fn blob_with_manifest(
 mod tests {
     use super::PackedActor;
     use crate::net::mlp::Layer;
-    use leg_control::actor::{ActionScaling, ObservationScaling};
+    use leg_control::actor::{ActionScaling, Activations, ObservationScaling};
 
     #[test]
     fn unpacking_returns_the_layers_that_were_packed() {
@@ -204,7 +211,8 @@ mod tests {
             let layers = [layer(3, hidden), layer(hidden, 37), layer(37, 2)];
             let action =
                 ActionScaling { scale: [1.0; 2], offset: [0.0; 2], low: [0.0; 2], high: [1.0; 2] };
-            let packed = PackedActor::new(&layers, ObservationScaling::IDENTITY, action).unwrap();
+            let (relu, identity) = (Activations::default(), ObservationScaling::IDENTITY);
+            let packed = PackedActor::new(&layers, relu, identity, action).unwrap();
             assert_eq!(packed.layers(), layers);
         }
     }

@@ -10,13 +10,13 @@
 //!
 //! | | |
 //! |---|---|
-//! | reads | the five words of the job; for each panel, in ascending order, `40 * (1 + count)` bytes of `weights`, each once, and `4 * count` bytes of `inputs`, from their beginnings on |
-//! | writes | `40 * panels` bytes of `outputs`, each once; 64 bytes of its own stack, which it pops |
+//! | reads | the six words of the job; for each panel, in ascending order, `40 * (1 + count)` bytes of `weights`, each once, and `4 * count` bytes of `inputs`, from their beginnings on |
+//! | writes | `40 * panels` bytes of `outputs`, each once; 68 bytes of its own stack, which it pops |
 //! | alignment | LDM, VLDM and VSTM want multiples of 4, which pointers and `f32` have in Rust |
-//! | registers | `r0` to `r3`, `r12`, `s0` to `s15` and the flags, which the calling convention lets it change; `r4`, `r5` and `s16` to `s29`, which it saves and restores. FPSCR: cumulative exception bits only, which Rust gives no meaning to |
+//! | registers | `r0` to `r3`, `r12`, `s0` to `s15` and the flags, which the calling convention lets it change; `r4` to `r6` and `s16` to `s29`, which it saves and restores. FPSCR: cumulative exception bits only, which Rust gives no meaning to |
 //! | ends | each loop counts its own count down: panels from above 0 to 0, columns in tens until below 0, what is left of them from below ten to 0, none if there is none |
 //! | instructions | VLDM, VSTM, VMLA, VMUL, VADD, VCMP, VMRS and VMOV in single precision (VFPv2 and later) and plain integer ones: on every core with this target's ABI, in Thumb and in Arm state |
-//! | result | row by row the products in ascending order, each rounded before its sum: VMLA is not fused (VFMA would be). Then 0 for what is not above 0, NaN among it: VCMP with a NaN sets V and clears N, which is `le` |
+//! | result | row by row the products in ascending order, each rounded before its sum: VMLA is not fused (VFMA would be). Then, unless the job is linear, 0 for what is not above 0, NaN among it: VCMP with a NaN sets V and clears N, which is `le` |
 //! | interrupts | nothing that may not be interrupted: no exclusive access, nothing below the stack pointer; the core stacks FP registers as for any other code |
 //! | unwinding | calls nothing, so nothing unwinds through it |
 
@@ -35,6 +35,8 @@ struct Job {
     inputs: *const f32,
     /// Above 0.
     panels: usize,
+    /// 0 to rectify the sums.
+    linear: usize,
     /// Columns of a panel beside its biases; at most `isize::MAX`.
     count: usize,
 }
@@ -50,6 +52,27 @@ pub fn push_outputs<const N: usize>(
     weights: &[[f32; ROWS]],
     inputs: &[f32],
 ) {
+    push(outputs, weights, inputs, 0);
+}
+
+/// Pushes the sums of a layer: those of [`push_outputs`] as they are, negative ones and NaN
+/// among them.
+#[inline]
+pub fn push_sums<const N: usize>(
+    sums: &mut Vec<[f32; ROWS], N>,
+    weights: &[[f32; ROWS]],
+    inputs: &[f32],
+) {
+    push(sums, weights, inputs, 1);
+}
+
+#[inline]
+fn push<const N: usize>(
+    outputs: &mut Vec<[f32; ROWS], N>,
+    weights: &[[f32; ROWS]],
+    inputs: &[f32],
+    linear: usize,
+) {
     let room = outputs.spare_capacity_mut();
     let panels = room.len().min(weights.len() / (inputs.len() + 1));
     if panels == 0 {
@@ -60,6 +83,7 @@ pub fn push_outputs<const N: usize>(
         weights: weights.as_ptr(),
         inputs: inputs.as_ptr(),
         panels,
+        linear,
         count: inputs.len(),
     };
     // SAFETY: `room` is room for `panels` columns, `weights` holds `panels *
@@ -182,10 +206,10 @@ unsafe extern "C" fn layer(job: *const Job) {
     naked_asm!(
         // The assembler does not know the target's features; every target with this ABI has this one.
         ".fpu vfpv2",
-        "push {{r4, r5}}",
+        "push {{r4, r5, r6}}",
         "vpush {{s16-s29}}",
-        // r0 outputs, r1 weights, r2 inputs, r3 panels, r12 count.
-        "ldm r0, {{r0, r1, r2, r3, r12}}",
+        // r0 outputs, r1 weights, r2 inputs, r3 panels, r6 linear, r12 count.
+        "ldm r0, {{r0, r1, r2, r3, r6, r12}}",
         // A panel: its biases, then r4 inputs and r5 columns that are left.
         "2:",
         "vldmia r1!, {{s0-s9}}",
@@ -217,14 +241,17 @@ unsafe extern "C" fn layer(job: *const Job) {
         "subs r5, r5, #1",
         "bne 5b",
         "6:",
-        "mov r4, #0",
+        // Where the sums are rectified this is 0.
+        "movs r4, r6",
+        "bne 7f",
         "vmov s10, r4",
         relu!("s0", "s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8", "s9"),
+        "7:",
         "vstmia r0!, {{s0-s9}}",
         "subs r3, r3, #1",
         "bne 2b",
         "vpop {{s16-s29}}",
-        "pop {{r4, r5}}",
+        "pop {{r4, r5, r6}}",
         "bx lr",
     )
 }

@@ -4,10 +4,11 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
+use leg_control::actor::MAX_WEIGHTS;
 use leg_control::policy::{self, ParseError, Policy};
 
-/// Largest policy file, bytes. The largest valid blob (four layers of width 128) is smaller.
-pub const MAX_BYTES: u64 = 1 << 20;
+/// Largest policy file, bytes: 1 MiB of weights, and 64 KiB for all else.
+pub const MAX_BYTES: u64 = 4 * MAX_WEIGHTS as u64 + (1 << 16);
 
 /// A policy file could not be loaded.
 #[derive(Debug, thiserror::Error)]

@@ -28,6 +28,9 @@ pub(super) trait Kernel {
     /// Pushes the panels' outputs, ReLU and all, as far as there is room.
     fn push_outputs(y: &mut Outputs, columns: &[Column], x: &[f32]);
 
+    /// Pushes the panels' sums, as far as there is room.
+    fn push_sums(y: &mut Outputs, columns: &[Column], x: &[f32]);
+
     /// Adds the share of the panels' outputs to the last layer's sums `z`, each
     /// panel's by its columns of the `last` layer.
     fn fold_outputs(z: Sums, last: &[[Sums; PANEL_ROWS]], columns: &[Column], x: &[f32]) -> Sums;
@@ -63,6 +66,13 @@ impl Kernel for Portable {
         }
     }
 
+    #[inline(always)]
+    fn push_sums(y: &mut Outputs, columns: &[Column], x: &[f32]) {
+        for panel in columns.chunks_exact(x.len() + 1) {
+            let _ = y.push(Panel::new(panel, x).sums());
+        }
+    }
+
     /// Panel by panel, so that the outputs never go to memory.
     #[inline(always)]
     fn fold_outputs(
@@ -94,7 +104,13 @@ impl<'w, 'x> Panel<'w, 'x> {
         Self { biases, columns, inputs }
     }
 
-    /// Computes the outputs of the panel. For speed on a Cortex-M4F:
+    /// Computes the sums, and rectifies them.
+    #[inline(always)]
+    fn outputs(&self) -> Column {
+        self.sums().map(relu)
+    }
+
+    /// Computes the sums of the panel. For speed on a Cortex-M4F:
     /// - the sums stay in registers while the columns go by, five in a turn;
     /// - a column's weights and its input are loaded in one go ([`products`]);
     /// - of five columns about three multiply and add at once, which the compiler
@@ -102,7 +118,7 @@ impl<'w, 'x> Panel<'w, 'x> {
     ///   multiply at a turn's end and add at the next one's beginning, which it
     ///   cannot join.
     #[inline(always)]
-    fn outputs(&self) -> Column {
+    fn sums(&self) -> Column {
         let mut sums = *self.biases;
         let (columns, other_columns) = self.columns.as_chunks();
         let (inputs, other_inputs) = self.inputs.as_chunks();
@@ -120,7 +136,7 @@ impl<'w, 'x> Panel<'w, 'x> {
         for term in other_columns.iter().zip(other_inputs) {
             add(&mut sums, products(&term));
         }
-        sums.map(relu)
+        sums
     }
 }
 
@@ -193,6 +209,11 @@ impl Kernel for Assembly {
     #[inline(always)]
     fn push_outputs(y: &mut Outputs, columns: &[Column], x: &[f32]) {
         leg_kernel_m4f::push_outputs(y, columns, x);
+    }
+
+    #[inline(always)]
+    fn push_sums(y: &mut Outputs, columns: &[Column], x: &[f32]) {
+        leg_kernel_m4f::push_sums(y, columns, x);
     }
 
     #[inline(always)]

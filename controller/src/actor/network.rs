@@ -1,11 +1,12 @@
 //! From the inputs to the last sums, layer by layer and panel by panel.
 #![expect(clippy::inline_always, reason = "sums must stay in registers")]
 
+use super::activation::Activation;
 use super::kernel::{Column, Kernel, Outputs, Sums, fold, relu};
 use super::packing::PANEL_ROWS;
 use super::shape::INPUTS;
 
-/// Computes the last sums. [`super::Actor::new`] has checked that the weights are as many
+/// Computes the last sums of a network with ReLU. [`super::Actor::new`] has checked that the weights are as many
 /// as the widths need; if they were not, the sums would be meaningless, without a panic.
 #[inline(always)]
 pub(super) fn sums<K: Kernel>(widths: &[u16], weights: &[f32], input: [f32; INPUTS]) -> Sums {
@@ -31,6 +32,44 @@ pub(super) fn sums<K: Kernel>(widths: &[u16], weights: &[f32], input: [f32; INPU
     }
 }
 
+/// Computes the last sums of a network with any function between its layers: slower than
+/// [`sums`], whose layers rectify while they are in registers.
+#[inline(never)]
+pub(super) fn activated_sums<K: Kernel>(
+    widths: &[u16],
+    activation: Activation,
+    mut weights: &[f32],
+    input: [f32; INPUTS],
+) -> Sums {
+    let [_, hidden @ .., _] = widths else { return Sums::default() };
+    let (mut x, mut inputs) = (Outputs::new(), INPUTS);
+    let mut first = Column::default();
+    first.iter_mut().zip(input).for_each(|(place, x)| *place = x);
+    let _ = x.push(first);
+    for &width in hidden {
+        let width = usize::from(width);
+        let mut y = Outputs::new();
+        layer_sums::<K>(&mut weights, flat(&x, inputs), width, &mut y);
+        activation.apply(y.as_flattened_mut().get_mut(..width).unwrap_or_default());
+        (x, inputs) = (y, width);
+    }
+    let (biases, columns) = last_layer(weights);
+    fold(biases, columns, flat(&x, inputs))
+}
+
+/// Takes a layer's weights from the front of `rest` and pushes its sums.
+#[inline(always)]
+fn layer_sums<K: Kernel>(rest: &mut &[f32], x: &[f32], width: usize, y: &mut Outputs) {
+    let narrow_rows = width % PANEL_ROWS;
+    let full = take(rest, width - narrow_rows, x.len());
+    let narrow = take(rest, narrow_rows, x.len());
+    K::push_sums(y, full.as_chunks().0, x);
+    if narrow_rows > 0 {
+        // There is room: a width is at most `MAX_WIDTH`.
+        let _ = y.push(narrow_sums(narrow, narrow_rows, x));
+    }
+}
+
 /// Returns the first `len` outputs, without the padding of the last panel.
 fn flat(outputs: &Outputs, len: usize) -> &[f32] {
     outputs.as_flattened().get(..len).unwrap_or_default()
@@ -45,7 +84,7 @@ fn hidden_layer<K: Kernel>(rest: &mut &[f32], x: &[f32], width: usize, y: &mut O
     K::push_outputs(y, full.as_chunks().0, x);
     if narrow_rows > 0 {
         // There is room: a width is at most `MAX_WIDTH`.
-        let _ = y.push(narrow_panel(narrow, narrow_rows, x));
+        let _ = y.push(narrow_sums(narrow, narrow_rows, x).map(relu));
     }
 }
 
@@ -62,7 +101,7 @@ fn last_two_layers<K: Kernel>(mut rest: &[f32], x: &[f32], width: usize) -> Sums
     if narrow_rows == 0 {
         return z;
     }
-    fold(z, last_of_narrow, &narrow_panel(narrow, narrow_rows, x))
+    fold(z, last_of_narrow, &narrow_sums(narrow, narrow_rows, x).map(relu))
 }
 
 /// Splits the weights of `rows` rows off the front.
@@ -75,10 +114,10 @@ fn last_layer(weights: &[f32]) -> (Sums, &[Sums]) {
     weights.as_chunks().0.split_first().map_or_else(Default::default, |(b, w)| (*b, w))
 }
 
-/// Computes the outputs of the last panel of a layer whose width is not a multiple of
+/// Computes the sums of the last panel of a layer whose width is not a multiple of
 /// [`PANEL_ROWS`], padded with zeros.
 #[inline(never)]
-fn narrow_panel(weights: &[f32], rows: usize, x: &[f32]) -> Column {
+fn narrow_sums(weights: &[f32], rows: usize, x: &[f32]) -> Column {
     let mut sums = Column::default();
     let mut columns = weights.chunks_exact(rows.max(1));
     for (sum, &bias) in sums.iter_mut().zip(columns.next().unwrap_or_default()) {
@@ -89,5 +128,5 @@ fn narrow_panel(weights: &[f32], rows: usize, x: &[f32]) -> Column {
             *sum += w * x;
         }
     }
-    sums.map(relu)
+    sums
 }

@@ -4,8 +4,11 @@ use heapless::Vec;
 
 /// Most layers of weights in an actor.
 pub const MAX_LAYERS: usize = 4;
-/// Widest layer, inputs included.
-pub const MAX_WIDTH: usize = 128;
+/// Widest layer, inputs included. An actor's outputs lie on the stack, so that a target allows
+/// less than a computer: 1,024 with the feature `wide`.
+pub const MAX_WIDTH: usize = if cfg!(feature = "wide") { 1024 } else { 128 };
+/// Most floats in an actor: 1 MiB of weights and biases.
+pub const MAX_WEIGHTS: usize = (1 << 20) / size_of::<f32>();
 /// Inputs: apex velocity, apex height, density ratio.
 pub const INPUTS: usize = 3;
 /// Outputs: touchdown angle, elongation speed.
@@ -26,6 +29,10 @@ pub enum ShapeError {
     Inputs(u16),
     /// Not [`OUTPUTS`] outputs.
     Outputs(u16),
+    /// More than [`MAX_WEIGHTS`] floats.
+    TooManyWeights(usize),
+    /// A parameter of the activation that is out of range.
+    Activation,
     /// Another number of weights than the widths need.
     Weights {
         /// Floats that the widths need.
@@ -42,6 +49,12 @@ impl core::fmt::Display for ShapeError {
             Self::Width(w) => write!(f, "a layer {w} wide, allowed are 1 to {MAX_WIDTH}"),
             Self::Inputs(n) => write!(f, "{n} inputs, an actor has {INPUTS}"),
             Self::Outputs(n) => write!(f, "{n} outputs, an actor has {OUTPUTS}"),
+            Self::TooManyWeights(n) => {
+                write!(f, "{n} weights and biases, allowed are {MAX_WEIGHTS}, that is 1 MiB")
+            }
+            Self::Activation => {
+                write!(f, "the slope of leaky_relu is from 0 to 1, the scale of elu from 0 to 100")
+            }
             Self::Weights { expected, found } => {
                 write!(f, "{found} weights and biases, the widths need {expected}")
             }
@@ -69,5 +82,9 @@ pub fn packed_len(widths: &[u16]) -> Result<usize, ShapeError> {
         _ => {}
     }
     let pairs = widths.iter().zip(widths.iter().skip(1));
-    Ok(pairs.map(|(&i, &o)| (usize::from(i) + 1) * usize::from(o)).sum())
+    let len = pairs.map(|(&i, &o)| (usize::from(i) + 1) * usize::from(o)).sum();
+    if len > MAX_WEIGHTS {
+        return Err(ShapeError::TooManyWeights(len));
+    }
+    Ok(len)
 }

@@ -1,6 +1,6 @@
 //! Why a blob is refused, or cannot be written.
 
-use super::{FORMAT_VERSION, MAX_TEST_VECTORS, MIN_TEST_VECTORS};
+use super::{FIRST_FORMAT_VERSION, FORMAT_VERSION, MAX_TEST_VECTORS, MIN_TEST_VECTORS};
 use crate::actor::{Action, ShapeError};
 use core::fmt;
 
@@ -134,7 +134,8 @@ impl fmt::Display for ParseError {
             }
             Self::Version(v) => write!(
                 f,
-                "format version {v}, this build reads {FORMAT_VERSION}: export the policy again"
+                "format version {v}, this build reads {FIRST_FORMAT_VERSION} to {FORMAT_VERSION}: \
+                 export the policy again"
             ),
             Self::Crc { stored, computed } => write!(
                 f,

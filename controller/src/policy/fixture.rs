@@ -10,6 +10,7 @@ pub(crate) fn manifest() -> Manifest<'static> {
     Manifest {
         name: "test",
         widths: Widths::from_slice(&[3, 50, 50, 2]).unwrap(),
+        activations: Activations::default(),
         observation: ObservationScaling { offset: [0.0, 2.5, 0.5], scale: [0.33, 0.4, 2.0] },
         action: ActionScaling {
             scale: [1.0, 1.5],

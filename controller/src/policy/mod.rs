@@ -1,14 +1,15 @@
 //! The policy blob: a frozen actor with everything needed to check and run it.
 //!
-//! # Format, version 1
+//! # Format, versions 1 and 2
 //! One postcard message, of these fields in this order:
 //!
 //! | field | encoding | meaning |
 //! |---|---|---|
 //! | magic | 8 bytes | `LEGACTOR` |
-//! | format version | u16, fixed, little-endian | 1 |
+//! | format version | u16, fixed, little-endian | 1 or 2 |
 //! | length | u32, fixed, little-endian | of the whole blob, bytes |
 //! | [`Manifest`] | postcard | name, widths, scalings, leg, media, provenance, cascade gains |
+//! | [`Activations`] | postcard, in version 2 alone | functions between the layers and at the end; in version 1 ReLU and tanh |
 //! | test vectors | postcard, 8 to 16 | [`TestVector`]: an observation and its action |
 //! | padding | byte string of 0 to 3 zeros | puts the weights on a multiple of 4 |
 //! | weights | byte string | f32, little-endian, packed by [`crate::actor::pack`], layer after layer |
@@ -26,7 +27,7 @@ mod parse;
 mod read;
 mod write;
 
-use crate::actor::{Action, ActionScaling, Observation, ObservationScaling, Widths};
+use crate::actor::{Action, ActionScaling, Activations, Observation, ObservationScaling, Widths};
 use crate::leg::LegModel;
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
@@ -38,8 +39,11 @@ pub use write::write;
 
 /// The first eight bytes of a blob.
 pub const MAGIC: [u8; 8] = *b"LEGACTOR";
-/// The format described above.
-pub const FORMAT_VERSION: u16 = 1;
+/// The newest format described above, of a network with other functions than ReLU and tanh.
+pub const FORMAT_VERSION: u16 = 2;
+/// The oldest format, in which every network with ReLU and tanh is still written, so that
+/// earlier controllers run it.
+pub const FIRST_FORMAT_VERSION: u16 = 1;
 /// Fewest test vectors in a blob.
 pub const MIN_TEST_VECTORS: usize = 8;
 /// Most test vectors in a blob.
@@ -63,6 +67,9 @@ pub struct Manifest<'a> {
     pub name: &'a str,
     /// Widths from the inputs to the outputs.
     pub widths: Widths,
+    /// Functions between the layers and at the end; behind the manifest in the blob.
+    #[serde(skip)]
+    pub activations: Activations,
     /// From an observation to the network's inputs.
     pub observation: ObservationScaling,
     /// From the network's outputs to an action.
@@ -76,6 +83,15 @@ pub struct Manifest<'a> {
     pub provenance: Provenance<'a>,
     /// Recommended cascade gains, by ascending density.
     pub gains: GainSchedule,
+}
+
+impl Manifest<'_> {
+    /// Returns the version of the format in which a blob with this manifest is written.
+    #[must_use]
+    pub fn format_version(&self) -> u16 {
+        let is_first = self.activations == Activations::default();
+        if is_first { FIRST_FORMAT_VERSION } else { FORMAT_VERSION }
+    }
 }
 
 /// Points of a gain schedule, by ascending density.
@@ -135,9 +151,10 @@ pub struct TestVector {
 /// Test vectors of a blob.
 type TestVectors = Vec<TestVector, MAX_TEST_VECTORS>;
 
-/// The whole message, borrowed from the blob.
+/// The whole message, borrowed from the blob; `A` is nothing in version 1, and
+/// [`Activations`] in version 2.
 #[derive(Serialize, Deserialize)]
-struct Blob<'a> {
+struct Blob<'a, A> {
     magic: [u8; 8],
     #[serde(with = "postcard::fixint::le")]
     format_version: u16,
@@ -145,6 +162,7 @@ struct Blob<'a> {
     length: u32,
     #[serde(borrow)]
     manifest: Manifest<'a>,
+    activations: A,
     test_vectors: TestVectors,
     padding: &'a [u8],
     weights: &'a [u8],

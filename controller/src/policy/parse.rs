@@ -1,8 +1,8 @@
 //! Reads a blob and checks it.
 
 use super::{
-    CRC_LEN, FORMAT_VERSION, Field, MAGIC, MIN_TEST_VECTORS, Manifest, PREAMBLE_LEN, ParseError,
-    TestVector, TestVectors, read,
+    CRC_LEN, FIRST_FORMAT_VERSION, FORMAT_VERSION, Field, MAGIC, MIN_TEST_VECTORS, Manifest,
+    PREAMBLE_LEN, ParseError, TestVector, TestVectors, read,
 };
 use crate::actor::Actor;
 use crate::checksum::crc32;
@@ -44,16 +44,16 @@ impl<'a> Policy<'a> {
     /// again when the test vectors are run.
     #[inline(never)]
     fn read(bytes: &'a [u8], vectors: &mut TestVectors) -> Result<Self, ParseError> {
-        let crc32 = check_frame(bytes)?;
+        let (version, crc32) = check_frame(bytes)?;
         let fields = bytes.get(PREAMBLE_LEN..).unwrap_or_default();
         let (manifest, weights) =
-            read::fields(fields, vectors).map_err(|_| ParseError::Malformed)?;
+            read::fields(fields, version, vectors).map_err(|_| ParseError::Malformed)?;
         if !weights.len().is_multiple_of(4) {
             return Err(ParseError::WeightBytes(weights.len()));
         }
         let weights = bytemuck::try_cast_slice(weights).map_err(|_| ParseError::Misaligned)?;
-        let actor =
-            Actor::new(manifest.widths.clone(), manifest.observation, manifest.action, weights)?;
+        let Manifest { activations, observation, action, .. } = manifest;
+        let actor = Actor::new(manifest.widths.clone(), activations, observation, action, weights)?;
         Ok(Self { manifest, actor, crc32 })
     }
 
@@ -89,12 +89,17 @@ pub fn stated_length(bytes: &[u8]) -> Option<usize> {
     let (magic, rest) = bytes.split_first_chunk::<8>()?;
     let (version, rest) = rest.split_first_chunk::<2>()?;
     let length = rest.first_chunk::<4>()?;
-    let known = *magic == MAGIC && u16::from_le_bytes(*version) == FORMAT_VERSION;
+    let known = *magic == MAGIC && is_known(u16::from_le_bytes(*version));
     known.then(|| u32::from_le_bytes(*length) as usize)
 }
 
-/// Magic, version, length and checksum, before any field is decoded.
-fn check_frame(bytes: &[u8]) -> Result<u32, ParseError> {
+fn is_known(version: u16) -> bool {
+    (FIRST_FORMAT_VERSION..=FORMAT_VERSION).contains(&version)
+}
+
+/// Checks magic, version, length and checksum, before any field is decoded; returns version
+/// and checksum.
+fn check_frame(bytes: &[u8]) -> Result<(u16, u32), ParseError> {
     let found = bytes.len();
     let too_short = ParseError::TooShort { expected: PREAMBLE_LEN + CRC_LEN, found };
     let (magic, rest) = bytes.split_first_chunk::<8>().ok_or(too_short)?;
@@ -103,7 +108,7 @@ fn check_frame(bytes: &[u8]) -> Result<u32, ParseError> {
     }
     let (version, rest) = rest.split_first_chunk::<2>().ok_or(too_short)?;
     let version = u16::from_le_bytes(*version);
-    if version != FORMAT_VERSION {
+    if !is_known(version) {
         return Err(ParseError::Version(version));
     }
     let length = rest.first_chunk::<4>().ok_or(too_short)?;
@@ -120,7 +125,7 @@ fn check_frame(bytes: &[u8]) -> Result<u32, ParseError> {
     if stored != computed {
         return Err(ParseError::Crc { stored, computed });
     }
-    Ok(stored)
+    Ok((version, stored))
 }
 
 /// Finite, and where the control law relies on it, in range. Apart, so that its

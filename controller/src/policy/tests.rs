@@ -3,6 +3,7 @@
 extern crate std;
 use super::fixture::{Bytes, blob_of, manifest, weights};
 use super::*;
+use crate::actor::{Activation, OutputActivation, ShapeError};
 use crate::checksum::crc32;
 use proptest::prelude::*;
 use std::vec;
@@ -42,8 +43,8 @@ fn each_fault_has_its_own_refusal() {
     assert_eq!(refusal(&long), ParseError::TooLong { expected: n, found: n + 1 });
     assert!(matches!(refusal(b"PK\x03\x04 a zip archive"), ParseError::Magic(_)));
     let mut version = good.clone();
-    version[8] = 2;
-    assert_eq!(refusal(&version), ParseError::Version(2));
+    version[8] = 3;
+    assert_eq!(refusal(&version), ParseError::Version(3));
     let mut flipped = good.clone();
     flipped[n / 2] ^= 1;
     assert!(matches!(refusal(&flipped), ParseError::Crc { .. }));
@@ -104,20 +105,20 @@ fn clips_and_gains_beyond_any_leg_are_refused() {
 
 #[test]
 fn a_sealed_blob_whose_fields_do_not_fit_is_refused() {
-    let change = |change: fn(&mut Blob<'_>)| {
+    let change = |change: fn(&mut Blob<'_, ()>)| {
         let bytes = Bytes::new(&blob_of(&manifest()).unwrap());
-        let mut blob: Blob<'_> = postcard::from_bytes(bytes.get()).unwrap();
+        let mut blob: Blob<'_, ()> = postcard::from_bytes(bytes.get()).unwrap();
         change(&mut blob);
         let mut buffer = vec![0_u8; 16 * 1024];
         let len = postcard::to_slice(&blob, &mut buffer).unwrap().len();
         blob.length = len as u32;
         refusal(&resealed(postcard::to_slice(&blob, &mut buffer).unwrap().to_vec()))
     };
-    let fewer = |blob: &mut Blob<'_>| blob.weights = &blob.weights[4..];
+    let fewer = |blob: &mut Blob<'_, ()>| blob.weights = &blob.weights[4..];
     assert!(matches!(change(fewer), ParseError::Shape(_)));
-    let torn = |blob: &mut Blob<'_>| blob.weights = &blob.weights[1..];
+    let torn = |blob: &mut Blob<'_, ()>| blob.weights = &blob.weights[1..];
     assert!(matches!(change(torn), ParseError::WeightBytes(_)));
-    let infinite = |blob: &mut Blob<'_>| {
+    let infinite = |blob: &mut Blob<'_, ()>| {
         blob.test_vectors[3].action.touchdown_angle_rad = f32::INFINITY;
     };
     assert_eq!(change(infinite), ParseError::NonFinite(Field::TestVectors));
@@ -129,20 +130,76 @@ fn a_sealed_blob_whose_fields_do_not_fit_is_refused() {
 
 #[test]
 fn what_is_read_field_by_field_is_what_serde_reads() {
-    let blob: Blob<'_> = postcard::from_bytes(SHIPPED).unwrap();
+    let blob: Blob<'_, ()> = postcard::from_bytes(SHIPPED).unwrap();
     let policy = Policy::parse(SHIPPED).unwrap();
     assert_eq!(*policy.manifest(), blob.manifest);
     assert_eq!(bytemuck::cast_slice::<f32, u8>(policy.actor().weights()), blob.weights);
     assert_eq!(policy.crc32(), blob.crc32);
     let mut vectors = TestVectors::new();
-    read::fields(&SHIPPED[PREAMBLE_LEN..], &mut vectors).unwrap();
+    read::fields(&SHIPPED[PREAMBLE_LEN..], FIRST_FORMAT_VERSION, &mut vectors).unwrap();
     assert_eq!(vectors, blob.test_vectors);
+}
+
+/// Every function between layers.
+const HIDDEN: [Activation; 6] = [
+    Activation::Relu,
+    Activation::LeakyRelu(0.01),
+    Activation::Elu(1.0),
+    Activation::Tanh,
+    Activation::Silu,
+    Activation::GeluTanh,
+];
+
+#[test]
+fn activations_are_written_and_read_back_and_relu_with_tanh_stays_version_1() {
+    for hidden in HIDDEN {
+        for output in [OutputActivation::Tanh, OutputActivation::Linear] {
+            let activations = Activations { hidden, output };
+            let manifest = Manifest { activations, ..manifest() };
+            let bytes = Bytes::new(&blob_of(&manifest).unwrap());
+            let is_first = activations == Activations::default();
+            assert_eq!(bytes.get()[8], if is_first { 1 } else { 2 });
+            assert_eq!(stated_length(bytes.get()), Some(bytes.get().len()));
+            let policy = Policy::parse(bytes.get()).unwrap();
+            assert_eq!(*policy.manifest(), manifest);
+            assert_eq!(policy.actor().activations(), activations);
+            if !is_first {
+                let blob: Blob<'_, Activations> = postcard::from_bytes(bytes.get()).unwrap();
+                assert_eq!(blob.activations, activations);
+            }
+        }
+    }
+}
+
+#[test]
+fn unknown_activations_and_their_parameters_out_of_range_are_refused() {
+    let with = |activations: &[u8]| {
+        let output = OutputActivation::Linear;
+        let hidden = Activation::LeakyRelu(0.25);
+        let manifest = Manifest { activations: Activations { hidden, output }, ..manifest() };
+        let good = blob_of(&manifest).unwrap();
+        let mut stored = vec![1];
+        stored.extend(0.25_f32.to_le_bytes());
+        stored.push(1);
+        let at = good.windows(6).position(|bytes| bytes == stored).unwrap();
+        let mut bad = good;
+        bad[at..at + 6].copy_from_slice(activations);
+        refusal(&resealed(bad))
+    };
+    assert_eq!(with(&[6, 0, 0, 0, 0, 1]), ParseError::Malformed);
+    assert_eq!(with(&[1, 0, 0, 0, 0, 2]), ParseError::Malformed);
+    let slope = [&[1], &1.5_f32.to_le_bytes()[..], &[1]].concat();
+    assert_eq!(with(&slope), ParseError::Shape(ShapeError::Activation));
+    let slope = [&[2], &f32::NAN.to_le_bytes()[..], &[1]].concat();
+    assert_eq!(with(&slope), ParseError::Shape(ShapeError::Activation));
+    let other = [&[1], &0.5_f32.to_le_bytes()[..], &[1]].concat();
+    assert!(matches!(with(&other), ParseError::TestVector { .. }));
 }
 
 #[test]
 fn too_few_test_vectors_are_refused() {
     let bytes = Bytes::new(&blob_of(&manifest()).unwrap());
-    let mut blob: Blob<'_> = postcard::from_bytes(bytes.get()).unwrap();
+    let mut blob: Blob<'_, ()> = postcard::from_bytes(bytes.get()).unwrap();
     blob.test_vectors.truncate(MIN_TEST_VECTORS - 1);
     // Of 7 vectors of 20 bytes, the padding stays right.
     let mut buffer = vec![0_u8; 16 * 1024];

@@ -1,12 +1,13 @@
 //! Writes the blob of a trained actor.
 
 use super::{
-    Blob, CRC_LEN, FORMAT_VERSION, MAGIC, MAX_TEST_VECTORS, Manifest, ParseError, Policy,
+    Blob, CRC_LEN, FIRST_FORMAT_VERSION, MAGIC, MAX_TEST_VECTORS, Manifest, ParseError, Policy,
     TestVector, WriteError,
 };
 use crate::actor::{Actor, Observation};
 use crate::checksum::crc32;
 use heapless::Vec;
+use serde::Serialize;
 
 /// Observations of the test vectors: all of the trained range, fast and slow,
 /// low and high, in water and on land, and one where every input is large.
@@ -39,14 +40,30 @@ pub fn write(
     packed: &[f32],
     buffer: &mut [u8],
 ) -> Result<usize, WriteError> {
+    match manifest.format_version() {
+        FIRST_FORMAT_VERSION => write_with((), manifest, packed, buffer),
+        _ => write_with(manifest.activations, manifest, packed, buffer),
+    }
+}
+
+/// Writes a blob with these bytes behind the manifest.
+fn write_with(
+    activations: impl Serialize,
+    manifest: &Manifest<'_>,
+    packed: &[f32],
+    buffer: &mut [u8],
+) -> Result<usize, WriteError> {
     let invalid = |e| WriteError::Invalid(e);
-    let actor = Actor::new(manifest.widths.clone(), manifest.observation, manifest.action, packed)
-        .map_err(|e| invalid(ParseError::Shape(e)))?;
+    let widths = manifest.widths.clone();
+    let actor =
+        Actor::new(widths, manifest.activations, manifest.observation, manifest.action, packed)
+            .map_err(|e| invalid(ParseError::Shape(e)))?;
     let mut blob = Blob {
         magic: MAGIC,
-        format_version: FORMAT_VERSION,
+        format_version: manifest.format_version(),
         length: 0,
         manifest: manifest.clone(),
+        activations,
         test_vectors: test_vectors(&actor),
         padding: &[],
         weights: bytemuck::try_cast_slice(packed).unwrap_or_default(),

@@ -154,7 +154,9 @@ impl fmt::Display for BlobError {
             Self::Crc => "the blob is damaged",
             Self::Malformed => "the blob's fields cannot be decoded",
             Self::Misaligned => "the blob does not lie at a multiple of 4 bytes",
-            Self::Shape => "architecture and weights do not fit",
+            Self::Shape => {
+                "architecture and weights do not fit, or it is wider than this controller allows"
+            }
             Self::NonFinite => "a value is not finite",
             Self::OutOfRange => "a value is out of range",
             Self::TooFewTestVectors => "it has too few test vectors",

@@ -12,7 +12,9 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use leg_control::actor::{ActionScaling, ObservationScaling, Widths, pack, packed_len};
+use leg_control::actor::{
+    ActionScaling, Activations, ObservationScaling, Widths, pack, packed_len,
+};
 use leg_control::leg::LegModel;
 use leg_control::policy::{GainPoint, GainSchedule, Manifest, Media, Provenance, write};
 use leg_host::{Domain, Role, json_socket};
@@ -436,6 +438,7 @@ pub(crate) fn hopping_named(name: &str) -> Vec<u8> {
     let manifest = Manifest {
         name,
         widths,
+        activations: Activations::default(),
         observation: ObservationScaling::IDENTITY,
         action: ActionScaling {
             scale: [1.0, 1.0],

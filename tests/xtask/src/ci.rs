@@ -12,7 +12,7 @@ use crate::step::Step;
 use crate::{chaos, examples, lanes, setup};
 
 /// Ticks of the shore scenario that the emulated board plays.
-const HIL_TICKS: u64 = 10_000;
+const HIL_TICKS: u64 = 4_000;
 
 /// The packages that can be published, in the order of their dependencies.
 const PACKAGES: &str = "package -p leg-kernel-m4f -p leg-control -p leg-plant";

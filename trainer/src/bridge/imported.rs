@@ -5,7 +5,7 @@ use super::model_card::ModelCard;
 use crate::net::mlp::Layer;
 use crate::policy::PackedActor;
 use crate::preset::{ACTION_HIGH, ACTION_LOW};
-use leg_control::actor::{ActionScaling, ObservationScaling};
+use leg_control::actor::{ActionScaling, Activations, ObservationScaling};
 
 /// Two pairs of numbers, one of each pair for each action: rad, m/s.
 pub type Pairs = [[f32; 2]; 2];
@@ -15,9 +15,14 @@ pub type Pairs = [[f32; 2]; 2];
 pub struct ImportedActor {
     /// Layers from the inputs to the outputs.
     pub layers: Vec<Layer>,
+    /// Functions between the layers and at the end.
+    pub activations: Activations,
+    /// Whether the outputs run from -1 to 1, as those of tanh do, and are to be spread over the
+    /// actions where no scaling is stated.
+    pub is_normalised: bool,
     /// Maps an observation to the network's inputs.
     pub observation: Option<ObservationScaling>,
-    /// Maps the tanh of the outputs to an action: scale, then offset; rad, m/s.
+    /// Maps the outputs to an action: scale, then offset; rad, m/s.
     pub action: Option<Pairs>,
     /// Lowest action; rad, m/s.
     pub low: Option<[f32; 2]>,
@@ -58,7 +63,7 @@ pub enum Subject {
     Observation,
     /// The lowest and the highest action.
     ActionBounds,
-    /// The scaling of the tanh.
+    /// The scaling of the outputs.
     ActionScaling,
     /// The output of a graph that is the action.
     Output,
@@ -71,9 +76,9 @@ pub struct ImportOptions {
     pub observation_offset: Option<[f32; 3]>,
     /// Scale that the observation is then multiplied by.
     pub observation_scale: Option<[f32; 3]>,
-    /// Offset that is added to the scaled tanh: rad, m/s.
+    /// Offset that is added to the scaled outputs: rad, m/s.
     pub action_offset: Option<[f32; 2]>,
-    /// Scale of the tanh: rad, m/s.
+    /// Scale of the outputs: rad, m/s.
     pub action_scale: Option<[f32; 2]>,
     /// Lowest action: rad, m/s.
     pub action_low: Option<[f32; 2]>,
@@ -96,8 +101,9 @@ pub struct CompleteActor {
 
 impl ImportedActor {
     /// Completes the actor with the given values. The defaults are unscaled observations, the
-    /// leg's bounds, and a tanh from -1 to 1 that is spread from the lowest to the highest
-    /// action (as SB3 does for a Gymnasium `Box` action).
+    /// leg's bounds, outputs from -1 to 1 that are spread from the lowest to the highest
+    /// action (as SB3 does for a Gymnasium `Box` action), and other outputs taken as the actions
+    /// themselves.
     ///
     /// # Errors
     /// [`ImportError`] when a value is given that the file states itself, when a value is not
@@ -146,16 +152,24 @@ impl ImportedActor {
         }
         let [low, high] = [low.unwrap_or(ACTION_LOW), high.unwrap_or(ACTION_HIGH)];
         let half = |i: usize| 0.5 * (high[i] - low[i]);
+        let by_default = if self.is_normalised {
+            [[0, 1].map(half), [0, 1].map(|i| low[i] + half(i))]
+        } else {
+            [[1.0; 2], [0.0; 2]]
+        };
         let [scale, offset] = self.action.unwrap_or([
-            action_scale.unwrap_or([0, 1].map(half)),
-            action_offset.unwrap_or([0, 1].map(|i| low[i] + half(i))),
+            action_scale.unwrap_or(by_default[0]),
+            action_offset.unwrap_or(by_default[1]),
         ]);
         if self.action.is_none() {
             let of = |x: [f32; 2]| format!("{:.4} rad and {:.4} m/s", x[0], x[1]);
-            let text = match (action_scale, action_offset) {
-                (None, None) => Some("tanh from -1 to 1 spread over the actions".into()),
-                (None, _) => Some(format!("action scale {}, half the range", of(scale))),
-                (_, None) => Some(format!("action offset {}, mid-range", of(offset))),
+            let text = match (action_scale, action_offset, self.is_normalised) {
+                (None, None, true) => Some("outputs from -1 to 1 spread over the actions".into()),
+                (None, None, false) => Some("outputs in rad and m/s".into()),
+                (None, _, true) => Some(format!("action scale {}, half the range", of(scale))),
+                (None, _, false) => Some("action scale 1".into()),
+                (_, None, true) => Some(format!("action offset {}, mid-range", of(offset))),
+                (_, None, false) => Some("action offset 0".into()),
                 _ => None,
             };
             if let Some(text) = text {
@@ -177,7 +191,7 @@ impl ImportedActor {
             finite(&format!("biases of layer {i}"), &layer.bias)?;
         }
         let action = ActionScaling { scale, offset, low, high };
-        let actor = PackedActor::new(&self.layers, observation, action)?;
+        let actor = PackedActor::new(&self.layers, self.activations, observation, action)?;
         let card = self.card.filter(|card| card.policy(&actor).is_some());
         Ok(CompleteActor { actor, card, taken: self.taken, assumed })
     }

@@ -16,10 +16,10 @@
 
 use super::ImportError;
 use super::imported::ImportedActor;
-use super::unique_json;
+use super::{activation, unique_json};
 use crate::net::mlp::Layer;
 use crate::policy::PackedActor;
-use leg_control::actor::{ActionScaling, Observation, ObservationScaling};
+use leg_control::actor::{ActionScaling, Activations, Observation, ObservationScaling};
 use serde_json::Value;
 
 /// Largest error of an imported actor against its test vectors, rad and m/s.
@@ -155,6 +155,7 @@ pub fn import(bytes: &[u8]) -> Result<ImportedActor, ImportError> {
         action: Some([scale, offset]),
         low: Some(low),
         high: Some(high),
+        activations: packed.activations,
         ..ImportedActor::default()
     })
 }
@@ -169,7 +170,11 @@ pub fn from_json(text: &str) -> Result<PackedActor, ImportError> {
     root.only(&KEYS)?;
     root.field("observation").names(&OBSERVATION)?;
     root.field("action").names(&ACTION)?;
-    root.field("hidden_activation").text("relu")?;
+    let hidden = root.field("hidden_activation");
+    let name = hidden.value.and_then(Value::as_str);
+    let named = name.and_then(|name| activation::hidden(name).ok());
+    let named = named.ok_or_else(|| hidden.error(format!("one of {}", activation::NAMES)))?;
+    let activations = Activations { hidden: named, ..Activations::default() };
     root.field("output").text(OUTPUT)?;
     let scale = root.field("output_scale").number()? as f32;
     let f32s = |x: [f64; 2]| x.map(|x| x as f32);
@@ -190,7 +195,7 @@ pub fn from_json(text: &str) -> Result<PackedActor, ImportError> {
         let inputs = layers.last().map_or(3, |l| l.bias.len());
         layers.push(layer.layer(inputs)?);
     }
-    let packed = PackedActor::new(&layers, ObservationScaling::IDENTITY, action)?;
+    let packed = PackedActor::new(&layers, activations, ObservationScaling::IDENTITY, action)?;
     let vectors = root.field("test_vectors");
     if vectors.value.is_some() {
         let actor = packed.actor();
@@ -255,8 +260,8 @@ mod tests {
             "low: missing, expected a list"
         );
         assert_eq!(
-            refused(&|v| v["hidden_activation"] = json!("tanh")),
-            "hidden_activation: \"tanh\", expected \"relu\""
+            refused(&|v| v["hidden_activation"] = json!("gelu")),
+            format!("hidden_activation: \"gelu\", expected one of {}", super::activation::NAMES)
         );
         assert_eq!(
             refused(&|v| v["low"] = json!([0.3, 2.5])),

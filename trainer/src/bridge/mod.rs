@@ -3,7 +3,7 @@
 //! | format | export | import |
 //! |---|---|---|
 //! | safetensors | the layers of a PyTorch `nn.Sequential` | any row of linear layers; every other tensor is applied, refused or named |
-//! | ONNX | a graph from `observation` to `action` | graphs of one such network |
+//! | ONNX | a graph from `observation` to `action` | graphs of one such network, however its activations are written |
 //! | C99 | the actor as one source file, with the controller's bits | |
 //! | JSON | | the layout of the published actors |
 //!
@@ -12,9 +12,11 @@
 //! run. Exports of this crate carry a [`model_card::ModelCard`], by which an import restores
 //! the same policy.
 
+pub(crate) mod activation;
 pub mod c;
 
 mod error;
+mod half;
 pub mod imported;
 pub mod json;
 pub mod model_card;

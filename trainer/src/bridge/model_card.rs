@@ -1,8 +1,8 @@
 //! The model card: what an exported actor states about itself beside its weights.
 
-use super::ImportError;
+use super::{ImportError, activation};
 use crate::policy::{PackedActor, blob_with_manifest};
-use leg_control::actor::{ActionScaling, ObservationScaling};
+use leg_control::actor::{ActionScaling, Activations, ObservationScaling, OutputActivation};
 use leg_control::leg::LegModel;
 use leg_control::policy::{GainPoint, MAX_GAIN_POINTS, Manifest, Media, Policy, Provenance};
 use leg_process::policy_file::AlignedBytes;
@@ -14,21 +14,24 @@ use serde::{Deserialize, Serialize};
 /// would change the file from one run to the next.
 pub const KEY: &str = "leg_actor";
 
-/// The only formula from the last sums to the action.
-const OUTPUT: &str = "clip(offset + scale * tanh(z), low, high)";
+/// The formulas from the last sums to the action, by the activation after the last layer.
+const OUTPUTS: [(OutputActivation, &str); 2] = [
+    (OutputActivation::Tanh, "clip(offset + scale * tanh(z), low, high)"),
+    (OutputActivation::Linear, "clip(offset + scale * z, low, high)"),
+];
 
 /// Everything in a policy except weights and test vectors, as one JSON object.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ModelCard {
     /// Name of the policy.
     pub name: String,
-    /// Activation between layers; always `relu`.
+    /// Activation between layers, such as `relu` or `elu(1)`.
     pub hidden_activation: String,
-    /// Formula from the last sums z to the action; always the same.
+    /// Formula from the last sums z to the action, with tanh or without.
     pub output: String,
     /// Scaling of the inputs: network input = (observation - offset) * scale.
     pub observation: ObservationScaling,
-    /// Scaling of the outputs: action = clip(offset + scale * tanh(z), low, high).
+    /// Scaling of the outputs, of the formula.
     pub action: ActionScaling,
     /// Recommended gains of the velocity cascade, by ascending density ratio.
     pub gains: Vec<GainPoint>,
@@ -50,13 +53,17 @@ pub struct ModelCard {
     pub policy_crc32: String,
 }
 
+fn formula(activation: OutputActivation) -> &'static str {
+    OUTPUTS.iter().find(|(a, _)| *a == activation).map_or("", |(_, formula)| *formula)
+}
+
 impl From<&Policy<'_>> for ModelCard {
     fn from(policy: &Policy<'_>) -> Self {
         let m = policy.manifest();
         Self {
             name: m.name.into(),
-            hidden_activation: "relu".into(),
-            output: OUTPUT.into(),
+            hidden_activation: m.activations.hidden.to_string(),
+            output: formula(m.activations.output).into(),
             observation: m.observation,
             action: m.action,
             gains: m.gains.to_vec(),
@@ -90,19 +97,32 @@ impl ModelCard {
         let key = |name: &str| format!("metadata {KEY}{name}");
         let card: Self = serde_json::from_str(json)
             .map_err(|e| ImportError::value(key(""), e.to_string(), "what an export writes"))?;
-        if card.hidden_activation != "relu" {
+        if activation::hidden(&card.hidden_activation).is_err() {
             let found = format!("{:?}", card.hidden_activation);
-            return Err(ImportError::value(key(".hidden_activation"), found, "\"relu\""));
+            let expected = format!("one of {}", activation::NAMES);
+            return Err(ImportError::value(key(".hidden_activation"), found, expected));
         }
-        if card.output != OUTPUT {
+        if !OUTPUTS.iter().any(|(_, formula)| *formula == card.output) {
             let found = format!("{:?}", card.output);
-            return Err(ImportError::value(key(".output"), found, format!("{OUTPUT:?}")));
+            let [(_, tanh), (_, linear)] = OUTPUTS;
+            let expected = format!("{tanh:?} or {linear:?}");
+            return Err(ImportError::value(key(".output"), found, expected));
         }
         if card.gains.len() > MAX_GAIN_POINTS {
             let (found, most) = (format!("{} points", card.gains.len()), MAX_GAIN_POINTS);
             return Err(ImportError::value(key(".gains"), found, format!("at most {most}")));
         }
         Ok(card)
+    }
+
+    /// Returns the activations that the card states.
+    #[must_use]
+    pub fn activations(&self) -> Activations {
+        let output = OUTPUTS.iter().find(|(_, formula)| *formula == self.output);
+        Activations {
+            hidden: activation::hidden(&self.hidden_activation).unwrap_or_default(),
+            output: output.map(|(activation, _)| *activation).unwrap_or_default(),
+        }
     }
 
     /// Returns the policy that the card describes, with this actor. `None` when the checksum
@@ -121,6 +141,7 @@ impl ModelCard {
         Manifest {
             name: &self.name,
             widths: packed.widths.clone(),
+            activations: packed.activations,
             observation: packed.observation,
             action: packed.action,
             leg: self.leg,

@@ -63,7 +63,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         Format::Safetensors => safetensors::export(&policy),
         Format::Onnx => onnx::export(&policy),
         Format::C => {
-            let vectors = test_vectors(bytes.as_slice()).map_err(failed)?;
+            let vectors = test_vectors(&policy, bytes.as_slice()).map_err(failed)?;
             c::export(&policy, &vectors, prefix).into_bytes()
         }
     };

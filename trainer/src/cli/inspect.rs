@@ -3,7 +3,8 @@
 use super::output::print;
 use super::{Failure, failed, input};
 use clap::Args;
-use leg_control::policy::{FORMAT_VERSION, Manifest, PREAMBLE_LEN, Policy, TestVector};
+use leg_control::actor::{Activations, OutputActivation};
+use leg_control::policy::{FIRST_FORMAT_VERSION, Manifest, PREAMBLE_LEN, Policy, TestVector};
 use leg_process::policy_file::PolicyFile;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -17,16 +18,19 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let bytes = PolicyFile::read(&arguments.policy).map_err(input)?;
     let policy = bytes.policy().map_err(input)?;
-    let vectors = test_vectors(bytes.as_slice()).map_err(failed)?;
+    let vectors = test_vectors(&policy, bytes.as_slice()).map_err(failed)?;
     let text = describe(&policy, bytes.as_slice().len(), &vectors).map_err(failed)?;
     print(text.trim_end())
 }
 
 /// Returns the test vectors of a blob that has passed its checks, in the format of
 /// [`leg_control::policy`].
-pub(super) fn test_vectors(blob: &[u8]) -> postcard::Result<Vec<TestVector>> {
+pub(super) fn test_vectors(policy: &Policy<'_>, blob: &[u8]) -> postcard::Result<Vec<TestVector>> {
     let body = blob.get(PREAMBLE_LEN..).unwrap_or_default();
-    let (_, rest) = postcard::take_from_bytes::<Manifest<'_>>(body)?;
+    let (_, mut rest) = postcard::take_from_bytes::<Manifest<'_>>(body)?;
+    if policy.manifest().format_version() > FIRST_FORMAT_VERSION {
+        (_, rest) = postcard::take_from_bytes::<Activations>(rest)?;
+    }
     postcard::take_from_bytes(rest).map(|(vectors, _)| vectors)
 }
 
@@ -42,13 +46,18 @@ fn describe(
     let weights = policy.actor().weights().len();
     writeln!(t, "name               {}", m.name)?;
     writeln!(t, "size               {bytes} bytes, CRC-32 {:08x}, checks passed", policy.crc32())?;
-    // Only one version passes the checks.
-    writeln!(t, "format version     {FORMAT_VERSION}")?;
-    writeln!(t, "network            {} ReLU, tanh; {weights} weights, f32", widths.join("-"))?;
+    writeln!(t, "format version     {}", m.format_version())?;
+    let Activations { hidden, output } = m.activations;
+    writeln!(
+        t,
+        "network            {} {hidden}, {output}; {weights} weights, f32",
+        widths.join("-")
+    )?;
     writeln!(t, "inputs             (observation - offset) * scale of vx m/s, y m, density ratio")?;
     writeln!(t, "  offset           {:?}", o.offset)?;
     writeln!(t, "  scale            {:?}", o.scale)?;
-    writeln!(t, "actions            clip(offset + scale * tanh) for angle rad, elongation m/s")?;
+    let z = if output == OutputActivation::Tanh { "tanh" } else { "output" };
+    writeln!(t, "actions            clip(offset + scale * {z}) for angle rad, elongation m/s")?;
     writeln!(t, "  offset           {:?}", a.offset)?;
     writeln!(t, "  scale            {:?}", a.scale)?;
     writeln!(t, "  low, high        {:?}, {:?}", a.low, a.high)?;

@@ -1,6 +1,8 @@
 //! The exported C is compiled and run, and must give the bits of the controller's actor.
 
-use leg_control::actor::{Actor, Observation, ObservationScaling};
+use leg_control::actor::{
+    Activation, Activations, Actor, Observation, ObservationScaling, OutputActivation,
+};
 use leg_control::policy::{Policy, SHIPPED};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -233,7 +235,8 @@ fn the_exported_tanh_equals_libms_on_every_branch() {
     packed.action.scale = [1.0; 2];
     packed.action.offset = [0.0; 2];
     (packed.action.low, packed.action.high) = ([0.0; 2], [1.0; 2]);
-    let packed = PackedActor::new(&[layer], ObservationScaling::IDENTITY, packed.action).unwrap();
+    let (relu, identity) = (Activations::default(), ObservationScaling::IDENTITY);
+    let packed = PackedActor::new(&[layer], relu, identity, packed.action).unwrap();
     let blob =
         blob_with_manifest(&ModelCard::from(&policy).manifest(&packed), &packed.weights).unwrap();
     let policy = Policy::parse(blob.as_slice()).unwrap();
@@ -243,6 +246,34 @@ fn the_exported_tanh_equals_libms_on_every_branch() {
     let observations: Vec<[f32; 3]> =
         (0..u32::MAX).step_by(2087).map(f32::from_bits).map(|x| [x, -x, 0.0]).collect();
     agree(&policy, &observations, "gcc", &strict);
+}
+
+#[test]
+fn every_activation_has_the_bits_of_the_controller() {
+    if !requirements::gcc() {
+        return;
+    }
+    let shipped = Policy::parse(SHIPPED).unwrap();
+    let observations = observations(&mut Pcg64::seed_from_u64(12), 20_000);
+    let hidden = [
+        Activation::Relu,
+        Activation::LeakyRelu(0.01),
+        Activation::Elu(1.25),
+        Activation::Tanh,
+        Activation::Silu,
+        Activation::GeluTanh,
+    ];
+    for hidden in hidden {
+        for output in [OutputActivation::Tanh, OutputActivation::Linear] {
+            let activations = Activations { hidden, output };
+            let packed = PackedActor { activations, ..PackedActor::from(&shipped) };
+            let card = ModelCard::from(&shipped);
+            let manifest = card.manifest(&packed);
+            let blob = blob_with_manifest(&manifest, &packed.weights).unwrap();
+            let policy = Policy::parse(blob.as_slice()).unwrap();
+            agree(&policy, &observations, "gcc", &["-std=c99", "-O2"]);
+        }
+    }
 }
 
 #[test]

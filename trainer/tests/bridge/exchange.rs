@@ -1,6 +1,7 @@
 //! Export and import of policies by safetensors and ONNX, with files of other programs and
 //! damaged files.
 
+use leg_control::actor::{Activation, Activations, OutputActivation};
 use leg_control::policy::{Policy, SHIPPED};
 use leg_process::policy_file::AlignedBytes;
 use rand::{RngExt, SeedableRng};
@@ -11,11 +12,11 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::process::{Command, Output};
 use trainer::bridge::imported::{ImportOptions, ImportedActor};
-use trainer::bridge::model_card::KEY;
+use trainer::bridge::model_card::{KEY, ModelCard};
 use trainer::bridge::onnx::OnnxOptions;
 use trainer::bridge::safetensors::StateDictOptions;
 use trainer::bridge::{ImportError, onnx, safetensors as st};
-use trainer::policy::PackedActor;
+use trainer::policy::{PackedActor, blob_with_manifest};
 
 fn shipped() -> Policy<'static> {
     Policy::parse(SHIPPED).unwrap()
@@ -43,6 +44,38 @@ fn an_import_restores_the_exported_policy_bit_for_bit() {
     // The bytes must not depend on the order of a hash map.
     for (first, second) in imports().into_iter().zip(imports()) {
         assert!(first.0 == second.0);
+    }
+}
+
+#[test]
+fn every_activation_survives_both_formats() {
+    let shipped = shipped();
+    let hidden = [
+        Activation::LeakyRelu(0.2),
+        Activation::Elu(1.5),
+        Activation::Tanh,
+        Activation::Silu,
+        Activation::GeluTanh,
+    ];
+    for hidden in hidden {
+        for output in [OutputActivation::Tanh, OutputActivation::Linear] {
+            let activations = Activations { hidden, output };
+            let packed = PackedActor { activations, ..PackedActor::from(&shipped) };
+            let card = ModelCard::from(&shipped);
+            let manifest = card.manifest(&packed);
+            let blob = blob_with_manifest(&manifest, &packed.weights).unwrap();
+            let policy = Policy::parse(blob.as_slice()).unwrap();
+            let read = [
+                st::import(&st::export(&policy), &StateDictOptions::default()),
+                onnx::import(&onnx::export(&policy), &OnnxOptions::default()),
+            ];
+            for imported in read {
+                let complete = imported.unwrap().complete(&ImportOptions::default()).unwrap();
+                assert_eq!(complete.actor, packed);
+                let card = complete.card.expect("the actor is that of the card");
+                assert_eq!(card.policy(&complete.actor).unwrap().as_slice(), blob.as_slice());
+            }
+        }
     }
 }
 
@@ -112,7 +145,7 @@ fn imports_the_state_dict_of_another_program() {
                 "tanh after the last layer",
                 "observations as they are",
                 "actions from 0.3142 to 2.6180 rad and from 0.0000 to 2.0000 m/s",
-                "tanh from -1 to 1 spread over the actions",
+                "outputs from -1 to 1 spread over the actions",
             ]
         );
         // The given scalings replace the defaults.
@@ -147,8 +180,8 @@ fn refuses_a_state_dict_that_is_no_actor() {
         }
     });
     assert!(refused(large).starts_with("\"4.bias\", number 1: inf, expected a finite"));
-    let half = foreign("", Dtype::F16, |_, _| ());
-    assert_eq!(refused(half), "\"0.weight\": dtype F16, expected F32 or F64");
+    let whole = foreign("", Dtype::I16, |_, _| ());
+    assert_eq!(refused(whole), "\"0.weight\": dtype I16, expected F16, BF16, F32 or F64");
     assert!(refused(b"PK\x03\x04 a file of torch.save".to_vec()).starts_with("not a safetensors"));
     let card = |json: &str| {
         let metadata = HashMap::from([(KEY.to_owned(), json.to_owned())]);

@@ -144,7 +144,7 @@ fn a_plain_actor_answers_as_in_its_framework() {
                   --action-offset 1,0.5 --action-scale 1,1";
     let text = place.import(&format!("--safetensors a.safetensors {stated}")).unwrap();
     assert!(!text.contains("Assumed"), "{text}");
-    let formula = "Actor: (vx, y, rho) less (0, 0, 0), times (1, 1, 1); \
+    let formula = "Actor: (vx, y, rho) less (0, 0, 0), times (1, 1, 1); relu; \
                    alpha = 1 + 1 tanh, from 0.5 to 2 rad; rs = 0.5 + 1 tanh, from 0 to 1 m/s\n";
     assert!(text.contains(formula), "{text}");
 }
@@ -210,7 +210,10 @@ fn every_other_tensor_of_the_actor_is_applied_or_refused_by_name() {
     let error = refused(["0", "2", "4"], &[row("obs_rms.mean", &[0.0, 2.0, 0.5])]);
     assert!(error.contains("perhaps a scaling of the observation"), "{error}");
     let error = refused(["actor.0", "actor.2", "actor.4"], &[row("log_std", &[0.0; 2])]);
-    assert!(error.contains("as in actors of PPO") && error.contains("--output-activation tanh"));
+    assert!(
+        error.contains("as in actors of PPO")
+            && error.contains("--output-activation tanh or linear")
+    );
     // What the user states is left out, and the output says so.
     let text = place.import("--safetensors a.safetensors --output-activation tanh").unwrap();
     assert!(text.contains("\nTaken: layers actor.0,actor.2,actor.4; not log_std\n"), "{text}");
@@ -218,6 +221,92 @@ fn every_other_tensor_of_the_actor_is_applied_or_refused_by_name() {
     let text = place.import("--safetensors a.safetensors --ignore 1,4").unwrap();
     assert!(text.contains("layers 0,3,6; not 1.bias, 1.weight, 4.bias, 4.weight"), "{text}");
     assert!(text.contains("their numbers leave room for more"), "{text}");
+}
+
+#[test]
+fn actors_with_other_activations_answer_as_in_their_framework() {
+    let place = Place::new();
+    place.write("a.safetensors", file(&named(["0", "2", "4"])));
+    let silu = |x: f64| x / (1.0 + (-x).exp());
+    let elu = |x: f64| if x > 0.0 { x } else { 0.5 * x.exp_m1() };
+    let leaky = |x: f64| if x > 0.0 { x } else { 0.01 * x };
+    let functions: [(&str, &dyn Fn(f64) -> f64); 4] =
+        [("tanh", &f64::tanh), ("silu", &silu), ("elu(0.5)", &elu), ("leaky_relu", &leaky)];
+    for (name, function) in functions {
+        place.one(spread(answer(function)));
+        let line =
+            format!("--safetensors a.safetensors --check obs.csv --hidden-activation {name}");
+        place.import(&line).unwrap();
+        // Those of another activation are not the same.
+        place.one(spread(answer(f64::abs)));
+        assert!(place.import(&line).is_err());
+    }
+    // The mean of a Gaussian policy of PPO, in rad and m/s.
+    let layers = ["mlp_extractor.policy_net.0", "mlp_extractor.policy_net.2", "action_net"];
+    let ppo = [named(layers), vec![row("log_std", &[0.0; 2])]].concat();
+    place.write("ppo.safetensors", file(&ppo));
+    let [a, r] = answer(f64::tanh).map(f64::atanh);
+    let pi = std::f64::consts::PI;
+    place.one([a.clamp(pi / 10.0, pi / 1.2), r.clamp(0.0, 2.0)]);
+    let line =
+        format!("--safetensors ppo.safetensors --layers {} --check obs.csv", layers.join(","));
+    let stated = "--hidden-activation tanh --output-activation linear";
+    let text = place.import(&format!("{line} {stated}")).unwrap();
+    assert!(text.contains("outputs in rad and m/s (--action-offset, --action-scale)"), "{text}");
+    assert!(text.contains("tanh; alpha = 0 + 1 z, from 0.31415927 to"), "{text}");
+}
+
+#[test]
+fn layers_without_bias_and_of_half_precision_are_read() {
+    let place = Place::new();
+    let bytes = |numbers: &[f32]| numbers.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
+    // The upper half of an f32 is a bfloat16.
+    let upper = |numbers: &[f32]| -> Vec<u8> {
+        numbers.iter().flat_map(|x| x.to_le_bytes()[2..].to_owned()).collect()
+    };
+    let first = upper(&[0.5; 6]);
+    let second = bytes(&[0.25; 4]);
+    let views = [
+        ("0.weight", TensorView::new(Dtype::BF16, vec![2, 3], &first).unwrap()),
+        ("2.weight", TensorView::new(Dtype::F32, vec![2, 2], &second).unwrap()),
+    ];
+    place.write("a.safetensors", safetensors::serialize(views, None).unwrap());
+    let sum: f64 = OBSERVATION.iter().map(|&x| 0.5 * f64::from(x)).sum();
+    place.one(spread([(0.5 * sum).tanh(); 2]));
+    let text = place.import("--safetensors a.safetensors --check obs.csv").unwrap();
+    assert!(text.contains("; biases of 0 for 0.bias, 2.bias"), "{text}");
+}
+
+#[test]
+fn the_default_networks_of_stable_baselines3_fly_in_a_process() {
+    let place = Place::new();
+    for hidden in [[64, 64], [400, 300], [256, 256]] {
+        let widths = [3, hidden[0], hidden[1], 2];
+        let layers: Tensors = widths
+            .windows(2)
+            .enumerate()
+            .flat_map(|(i, pair)| {
+                let weights = (0..pair[0] * pair[1]).map(|k| (k % 7) as f32 * 1e-3).collect();
+                [
+                    (format!("{}.weight", 2 * i), vec![pair[1], pair[0]], weights),
+                    (format!("{}.bias", 2 * i), vec![pair[1]], vec![0.01; pair[1]]),
+                ]
+            })
+            .collect();
+        place.write("a.safetensors", file(&layers));
+        let text = place.import("--safetensors a.safetensors").unwrap();
+        assert!(text.contains(&format!("3-{}-{}-2", hidden[0], hidden[1])), "{text}");
+        let bytes = std::fs::read(place.path().join("p.bin")).unwrap();
+        assert!(Policy::parse(AlignedBytes::from(bytes.as_slice()).as_slice()).is_ok());
+    }
+    let wide: Tensors = vec![
+        ("0.weight".into(), vec![512, 3], vec![0.0; 1536]),
+        ("2.weight".into(), vec![512, 512], vec![0.0; 512 * 512]),
+        ("4.weight".into(), vec![2, 512], vec![0.0; 1024]),
+    ];
+    place.write("a.safetensors", file(&wide));
+    let error = place.import("--safetensors a.safetensors").unwrap_err();
+    assert!(error.contains("265730 weights and biases, allowed are 262144"), "{error}");
 }
 
 #[test]
@@ -292,12 +381,12 @@ fn options_of_one_format_are_refused_with_another() {
         ("--json a --hidden-activation relu", "cannot be used with"),
         ("--safetensors a --output b", "cannot be used with"),
         (
-            "--safetensors a --hidden-activation tanh",
-            "--hidden-activation: the controller's actor has ReLU between its layers, not tanh",
+            "--safetensors a --hidden-activation gelu",
+            "'--hidden-activation <NAME>': \"gelu\" is none of relu, leaky_relu",
         ),
         (
-            "--safetensors a --output-activation none",
-            "--output-activation: the controller's actor has tanh after its last layer, not none",
+            "--safetensors a --output-activation softmax",
+            "'--output-activation <NAME>': \"softmax\" is none of tanh, linear",
         ),
     ] {
         let error = place.import(line).unwrap_err();

@@ -7,7 +7,9 @@
 mod image;
 
 use cortex_m_rt::entry;
-use leg_control::actor::{ActionScaling, Actor, ObservationScaling, Widths, packed_len};
+use leg_control::actor::{
+    ActionScaling, Activation, Activations, Actor, ObservationScaling, Widths, packed_len,
+};
 
 /// Widths of hidden layers: full panels, narrow ones and both, groups of columns
 /// and what is left of them, one layer to three, the widest.
@@ -25,8 +27,8 @@ const HIDDEN: [&[u16]; 12] = [
     &[15, 25, 35],
     &[40, 40],
 ];
-/// Networks of each shape, and inputs to each network.
-const NETWORKS: usize = 40;
+/// Networks of each shape, each with ReLU and with another activation, and inputs to each.
+const NETWORKS: usize = 20;
 const INPUTS: usize = 25;
 /// Floats that the largest of them has.
 const ROOM: usize = 4_096;
@@ -105,12 +107,16 @@ fn roots_agree(x: f32) -> bool {
 /// Whether both kernels give the same bits for random inputs.
 fn agree(widths: &Widths, weights: &[f32], random: &mut Random) -> bool {
     let action = ActionScaling { scale: [1.0; 2], offset: [0.0; 2], low: [0.0; 2], high: [1.0; 2] };
-    let Ok(actor) = Actor::new(widths.clone(), ObservationScaling::IDENTITY, action, weights)
-    else {
-        semihosting::process::exit(BAD_SHAPE)
-    };
-    (0..INPUTS).all(|_| {
-        let input = [(); 3].map(|()| random.input());
-        actor.sums(input).map(bits) == actor.sums_portable(input).map(bits)
+    let identity = ObservationScaling::IDENTITY;
+    // A kernel computes layers with ReLU one way and all others another way.
+    [Activation::Relu, Activation::LeakyRelu(0.5)].into_iter().all(|hidden| {
+        let activations = Activations { hidden, ..Activations::default() };
+        let Ok(actor) = Actor::new(widths.clone(), activations, identity, action, weights) else {
+            semihosting::process::exit(BAD_SHAPE)
+        };
+        (0..INPUTS).all(|_| {
+            let input = [(); 3].map(|()| random.input());
+            actor.sums(input).map(bits) == actor.sums_portable(input).map(bits)
+        })
     })
 }

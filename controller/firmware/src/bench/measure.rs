@@ -8,7 +8,7 @@ mod image;
 
 use core::hint::black_box;
 use cortex_m_rt::entry;
-use leg_control::actor::{Action, Actor, Observation};
+use leg_control::actor::{Action, Activation, Activations, Actor, Observation};
 use leg_control::config::{Config, Estimation};
 use leg_control::estimator::{SensorNoise, StateNoise};
 use leg_control::policy::{ParseError, Policy, SHIPPED};
@@ -38,6 +38,43 @@ fn measured_inference_without_tanh(actor: &Actor<'_>, input: [f32; 3]) -> [f32; 
 #[inline(never)]
 fn measured_inference_without_tanh_portable(actor: &Actor<'_>, input: [f32; 3]) -> [f32; 2] {
     actor.sums_portable(input)
+}
+
+/// Defines functions that infer with other activations. Functions that are alike would be
+/// merged into one: these differ in a number.
+macro_rules! measured_activations {
+    ($($name:ident: $number:literal $activation:expr),+ $(,)?) => {
+        $(#[inline(never)]
+        fn $name(actor: &Actor<'_>, observation: Observation) -> Action {
+            black_box($number);
+            actor.act(observation)
+        })+
+
+        /// Runs the shipped weights with each activation.
+        fn infer_with_each(policy: &Policy<'static>, observation: Observation) {
+            let manifest = policy.manifest();
+            $(
+                let activations = Activations { hidden: $activation, ..manifest.activations };
+                let actor = Actor::new(
+                    manifest.widths.clone(),
+                    activations,
+                    manifest.observation,
+                    manifest.action,
+                    policy.actor().weights(),
+                );
+                let Ok(actor) = actor else { semihosting::process::exit(NO_POLICY) };
+                black_box($name(black_box(&actor), observation));
+            )+
+        }
+    };
+}
+
+measured_activations! {
+    measured_inference_leaky_relu: 0_u32 Activation::LeakyRelu(0.01),
+    measured_inference_elu: 1_u32 Activation::Elu(1.0),
+    measured_inference_hidden_tanh: 2_u32 Activation::Tanh,
+    measured_inference_silu: 3_u32 Activation::Silu,
+    measured_inference_gelu_tanh: 4_u32 Activation::GeluTanh,
 }
 
 // Functions that are alike would be merged into one: these differ in their arguments.
@@ -134,7 +171,9 @@ fn main() -> ! {
     let actor = black_box(policy.actor());
     let input = black_box([0.3, 1.5, 0.4]);
     let [apex_vx_m_s, apex_y_m, density_ratio] = input;
-    black_box(measured_inference(actor, Observation { apex_vx_m_s, apex_y_m, density_ratio }));
+    let observation = Observation { apex_vx_m_s, apex_y_m, density_ratio };
+    black_box(measured_inference(actor, observation));
+    infer_with_each(&policy, observation);
     black_box(measured_inference_without_tanh(actor, input));
     black_box(measured_inference_without_tanh_portable(actor, input));
     hop(&policy);

@@ -53,6 +53,17 @@ pub enum ClientError {
         /// Damaged frames.
         bad: u32,
     },
+    /// The policy does not fit a slot of the controller.
+    #[error(
+        "the policy has {len} bytes, and a slot of this controller has room for {room}; train a \
+         smaller actor, or take a board with larger slots"
+    )]
+    TooLong {
+        /// Length of the policy, bytes.
+        len: usize,
+        /// Room of a slot, bytes.
+        room: u32,
+    },
     /// The controller uses another protocol version.
     #[error(
         "the controller uses protocol version {theirs}, this program {PROTOCOL_VERSION}; flash the \

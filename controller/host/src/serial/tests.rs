@@ -8,9 +8,11 @@ use std::time::{Duration, Instant};
 use super::stream::over_unix;
 use super::upload::{Progress, roll_back, upload};
 use super::*;
+use crate::fixture::{blob_of, manifest};
 use crate::flash::MemoryFlash;
+use leg_control::actor::{Activation, Activations, Widths};
 use leg_control::checksum::crc32;
-use leg_control::policy::SHIPPED;
+use leg_control::policy::{Manifest, Policy, SHIPPED};
 use leg_control::serial::PROTOCOL_VERSION;
 use leg_control::serial::frame::{self, MAX_FRAME};
 use leg_control::serial::message::{
@@ -18,7 +20,7 @@ use leg_control::serial::message::{
 };
 use leg_control::wire::{Header, Sample};
 use leg_process::Stop;
-use leg_process::policy_file::PolicyFile;
+use leg_process::policy_file::{AlignedBytes, PolicyFile};
 
 const SHORT: Duration = Duration::from_millis(50);
 const LONG: Duration = Duration::from_secs(10);
@@ -242,6 +244,27 @@ fn a_board_without_a_policy_sends_an_alarm_and_accepts_an_upload() {
     let done = upload(&mut client, &policy, blob.as_slice(), "a file", LONG, |_| ()).unwrap();
     assert!(done.slot == Slot::A && done.swapped_after.is_some(), "{done:?}");
     assert_eq!(client.identify(LONG).unwrap().policy.unwrap().crc32, policy.crc32());
+}
+
+#[test]
+fn refuses_a_policy_larger_than_a_slot_with_both_sizes() {
+    let (mut client, _board) = board();
+    // The default network of SB3's PPO.
+    let widths = Widths::from_slice(&[3, 64, 64, 2]).unwrap();
+    let hidden = Activation::Tanh;
+    let activations = Activations { hidden, ..Activations::default() };
+    let blob = blob_of(&Manifest { widths, activations, ..manifest() }).unwrap();
+    let blob = AlignedBytes::from(blob.as_slice());
+    let policy = Policy::parse(blob.as_slice()).unwrap();
+    let error = upload(&mut client, &policy, blob.as_slice(), "a file", LONG, |_| ());
+    let text = error.unwrap_err().to_string();
+    let len = blob.as_slice().len();
+    assert!(text.starts_with(&format!("the policy has {len} bytes, and a slot")), "{text}");
+    assert!(text.contains("has room for 16352; train a smaller actor"), "{text}");
+    assert_eq!(
+        client.identify(LONG).unwrap().policy.unwrap().crc32,
+        Policy::parse(SHIPPED).unwrap().crc32()
+    );
 }
 
 #[test]

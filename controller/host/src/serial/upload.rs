@@ -75,6 +75,9 @@ pub fn transfer(
             Err(ClientError::Refused(RequestError::SwapPending)) if begun.elapsed() < timeout => {
                 std::thread::sleep(LOOK);
             }
+            Err(ClientError::Refused(RequestError::TooLong { room })) => {
+                return Err(ClientError::TooLong { len: bytes.len(), room });
+            }
             begun => break begun?,
         }
     }

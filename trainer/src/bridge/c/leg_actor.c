@@ -118,13 +118,6 @@ static uint32_t leg_to_bits(float x)
     return b.u;
 }
 
-static float leg_from_bits(uint32_t x)
-{
-    union leg_bits b;
-    b.u = x;
-    return b.f;
-}
-
 static inline float leg_add(float a, float b)
 {
     float sum = a + b;
@@ -139,16 +132,23 @@ static inline float leg_mul(float a, float b)
     return product;
 }
 
+static int leg_is_nan(float x)
+{
+    return (leg_to_bits(x) & 0x7fffffffu) > 0x7f800000u;
+}
+
+@EXPM1[@static float leg_from_bits(uint32_t x)
+{
+    union leg_bits b;
+    b.u = x;
+    return b.f;
+}
+
 static inline float leg_div(float a, float b)
 {
     float quotient = a / b;
     LEG_ROUND(quotient);
     return quotient;
-}
-
-static int leg_is_nan(float x)
-{
-    return (leg_to_bits(x) & 0x7fffffffu) > 0x7f800000u;
 }
 
 /* exp(x) - 1 */
@@ -225,7 +225,7 @@ static float leg_expm1f(float x)
     return leg_mul(leg_add(leg_add(x, -leg_add(e, uf)), 1.0f), twopk);
 }
 
-static float leg_tanhf(float x)
+@]EXPM1@@TANH[@static float leg_tanhf(float x)
 {
     const uint32_t w = leg_to_bits(x) & 0x7fffffffu;
     const int sign = (int)(leg_to_bits(x) >> 31);
@@ -251,7 +251,7 @@ static float leg_tanhf(float x)
     return sign ? -t : t;
 }
 
-/* NaN gives the low bound. */
+@]TANH@/* NaN gives the low bound. */
 static float leg_clip(float x, float low, float high)
 {
     if (leg_is_nan(x) || x < low)
@@ -273,7 +273,7 @@ static void leg_dense(const float *weight, const float *bias, int inputs, int ou
     }
 }
 
-@RELU@void leg_actor(const float observation[3], float action[2])
+@HIDDEN@void leg_actor(const float observation[3], float action[2])
 {
     float front[LEG_WIDEST], back[LEG_WIDEST];
     int i;
@@ -284,7 +284,7 @@ static void leg_dense(const float *weight, const float *bias, int inputs, int ou
 @LAYERS@
     for (i = 0; i < 2; i++)
         action[i] = leg_clip(leg_add(leg_action_offset[i],
-                                     leg_mul(leg_action_scale[i], leg_tanhf(@OUTPUT@[i]))),
+                                     leg_mul(leg_action_scale[i], @OUTPUT@)),
                              leg_action_low[i], leg_action_high[i]);
 }
 

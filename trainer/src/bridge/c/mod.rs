@@ -5,6 +5,7 @@
 //! [`leg_control::actor`], and tanh is that of the crate `libm`, so the bits agree.
 
 use crate::policy::PackedActor;
+use leg_control::actor::{Activation, Activations, GELU_CUBE, GELU_SLOPE, OutputActivation};
 use leg_control::policy::{Policy, TestVector};
 use std::fmt::Write;
 
@@ -12,7 +13,7 @@ use std::fmt::Write;
 const TEMPLATE: &str = include_str!("leg_actor.c");
 
 const RELU: &str = "\
-static void leg_relu(float *x, int count)
+static void leg_hidden(float *x, int count)
 {
     int i;
 
@@ -23,6 +24,39 @@ static void leg_relu(float *x, int count)
 }
 
 ";
+
+/// Any other activation, with `@EXPRESSION@` of `x[i]`.
+const OTHER: &str = "\
+static void leg_hidden(float *x, int count)
+{
+    int i;
+
+    for (i = 0; i < count; i++)
+        x[i] = @EXPRESSION@;
+}
+
+";
+
+/// Returns the function between the layers, in the operations of [`Activation::of`].
+fn hidden_function(activation: Activation) -> String {
+    let positive = |other: String| format!("x[i] > 0.0f ? x[i] : {other}");
+    // x (1/2 + 1/2 tanh(..))
+    let gated =
+        |inner: &str| format!("leg_mul(x[i], leg_add(0.5f, leg_mul(0.5f, leg_tanhf({inner}))))");
+    let expression = match activation {
+        Activation::LeakyRelu(slope) => positive(format!("leg_mul({}, x[i])", hex(slope))),
+        Activation::Elu(scale) => positive(format!("leg_mul({}, leg_expm1f(x[i]))", hex(scale))),
+        Activation::Tanh => "leg_tanhf(x[i])".into(),
+        Activation::Silu => gated("leg_mul(0.5f, x[i])"),
+        Activation::GeluTanh => gated(&format!(
+            "leg_mul({}, leg_add(x[i], leg_mul({}, leg_mul(leg_mul(x[i], x[i]), x[i]))))",
+            hex(GELU_SLOPE),
+            hex(GELU_CUBE)
+        )),
+        _ => return RELU.into(),
+    };
+    OTHER.replace("@EXPRESSION@", &expression)
+}
 
 /// What the names in the file begin with by default.
 pub const PREFIX: Prefix<'static> = Prefix("leg");
@@ -80,21 +114,44 @@ pub fn export(policy: &Policy<'_>, vectors: &[TestVector], prefix: Prefix<'_>) -
         let arguments = format!("leg_weight_{i}, leg_bias_{i}, {inputs}, {outputs}, {from}, {to}");
         let _ = writeln!(calls, "    leg_dense({arguments});");
         if i + 1 < layers.len() {
-            let _ = writeln!(calls, "    leg_relu({to}, {outputs});");
+            let _ = writeln!(calls, "    leg_hidden({to}, {outputs});");
         }
         std::mem::swap(&mut from, &mut to);
     }
-    let source = TEMPLATE
+    let Activations { hidden, output } = packed.activations;
+    let hidden = if layers.len() > 1 { hidden_function(hidden) } else { String::new() };
+    let output = match output {
+        OutputActivation::Tanh => format!("leg_tanhf({from}[i])"),
+        _ => format!("{from}[i]"),
+    };
+    let text = hidden.clone() + &output;
+    let is_called = |name: &str| text.contains(name);
+    // A compiler warns of functions that nobody calls.
+    let template = optional(TEMPLATE, "TANH", is_called("leg_tanhf("));
+    let needs_expm1 = is_called("leg_tanhf(") || is_called("leg_expm1f(");
+    let source = optional(&template, "EXPM1", needs_expm1)
         .replace("@TABLES@", tables.trim_end())
-        .replace("@RELU@", if layers.len() > 1 { RELU } else { "" })
+        .replace("@HIDDEN@", &hidden)
         .replace("@LAYERS@", calls.trim_end())
-        .replace("@OUTPUT@", from)
+        .replace("@OUTPUT@", &output)
         .replace("@VECTORS@", &self_test(vectors));
     // The policy's own name comes last, so that it stays as it is.
     source
         .replace("leg_", &format!("{}_", prefix.0))
         .replace("LEG_", &format!("{}_", prefix.0.to_ascii_uppercase()))
         .replace("@ABOUT@", &about(policy))
+}
+
+/// Keeps the part of the source between `@NAME[@` and `@]NAME@`, or leaves it out.
+fn optional(source: &str, name: &str, keep: bool) -> String {
+    let (begin, end) = (format!("@{name}[@"), format!("@]{name}@"));
+    let part = source.split_once(&begin).and_then(|(before, rest)| {
+        rest.split_once(&end).map(|(part, after)| (before, part, after))
+    });
+    match part {
+        Some((before, part, after)) => [before, if keep { part } else { "" }, after].concat(),
+        None => source.to_owned(),
+    }
 }
 
 /// Returns the lines of the comment that describes the policy.

@@ -1,5 +1,6 @@
 //! ONNX: an actor as a graph, with scalings and clip.
 
+mod curve;
 mod proto;
 mod read;
 mod signal;

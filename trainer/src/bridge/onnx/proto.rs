@@ -3,10 +3,16 @@
 
 use prost::Message;
 
+/// `AttributeProto.AttributeType` of a float.
+pub(super) const ATTRIBUTE_FLOAT: i32 = 1;
 /// `AttributeProto.AttributeType` of an integer.
 pub(super) const ATTRIBUTE_INT: i32 = 2;
 /// `TensorProto.DataType` of f32.
 pub(super) const FLOAT: i32 = 1;
+/// `TensorProto.DataType` of IEEE 754 binary16.
+pub(super) const FLOAT16: i32 = 10;
+/// `TensorProto.DataType` of bfloat16.
+pub(super) const BFLOAT16: i32 = 16;
 /// `TensorProto.DataType` of i64.
 pub(super) const INT64: i32 = 7;
 /// `TensorProto.DataType` of truth values.

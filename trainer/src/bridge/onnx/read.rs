@@ -5,6 +5,7 @@ use super::walk::{Edge, Walk};
 use crate::bridge::ImportError;
 use crate::bridge::imported::{Assumption, ImportedActor, Subject};
 use crate::bridge::model_card::{KEY, ModelCard};
+use leg_control::actor::OutputActivation;
 use prost::Message;
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -50,7 +51,9 @@ fn chosen(
         let actor = match edges.get(name) {
             Some(Edge::Signal(signal)) => signal.clone().imported_actor(),
             Some(Edge::Other(why)) => Err(why.to_string()),
-            Some(Edge::Stored(_) | Edge::Constant(_)) => Err("it is a constant".into()),
+            Some(Edge::Stored(_) | Edge::Constant(_) | Edge::Shape(_)) => {
+                Err("it does not depend on the observation".into())
+            }
             None => Err("no node gives it".into()),
         };
         actor.map_err(|why| format!("output {name:?}: {why}"))
@@ -66,8 +69,13 @@ fn chosen(
         })?,
     };
     let others = outputs.iter().copied().filter(|other| *other != name);
-    let readable: Vec<&str> = others.clone().filter(|other| read(other).is_ok()).collect();
-    let mut actor = match (read(name), wanted, readable.first()) {
+    // Beside a tanh, sums on their own are those before it, or of a deviation.
+    let chosen = read(name);
+    let is_tanh = |actor: &ImportedActor| actor.activations.output == OutputActivation::Tanh;
+    let competes = |other: &ImportedActor| !chosen.as_ref().is_ok_and(is_tanh) || is_tanh(other);
+    let readable: Vec<&str> =
+        others.clone().filter(|other| read(other).is_ok_and(|actor| competes(&actor))).collect();
+    let mut actor = match (chosen.clone(), wanted, readable.first()) {
         (Ok(actor), None, Some(_)) => {
             drop(actor);
             let names = std::iter::once(name).chain(readable).map(|n| format!("{n:?}")).collect();

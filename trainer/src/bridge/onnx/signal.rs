@@ -1,14 +1,17 @@
-//! The values that flow through an actor's graph: an observation, then the sums of a layer,
-//! rectified or not, then an action.
+//! The values that flow through an actor's graph: an observation, then functions of the sums of
+//! a layer, then an action.
 //!
 //! Each operation turns one of these into the next, or is refused. Scalings are accumulated in
 //! f64 and rounded once.
 
+use super::curve::Curve;
 use super::tensor::Constant;
 use crate::bridge::imported::{Assumption, ImportedActor, Subject};
 use crate::net::mlp::Layer;
 use crate::preset::{ACTION_HIGH, ACTION_LOW};
-use leg_control::actor::{INPUTS, MAX_LAYERS, OUTPUTS, ObservationScaling};
+use leg_control::actor::{
+    Activation, Activations, INPUTS, MAX_LAYERS, OUTPUTS, ObservationScaling, OutputActivation,
+};
 use std::rc::Rc;
 
 /// A scaling step between actor and clip.
@@ -25,12 +28,10 @@ pub(super) enum Step {
 pub(super) enum Signal {
     /// A scaled observation: (observation - offset) * scale.
     Observation(Input),
-    /// The sums of a layer.
-    Sums(Trunk),
-    /// The sums of a layer after ReLU.
-    Rectified(Trunk),
-    /// An action: clip(offset + scale * tanh(sums), low, high).
-    Action(Trunk, Output),
+    /// The same function of each sum of the last layer; at first the sums themselves.
+    Sums(Trunk, Curve),
+    /// An action: clip(offset + scale * f(sums), low, high), with f tanh or nothing.
+    Action(Trunk, OutputActivation, Output),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,6 +49,14 @@ impl Input {
 pub(super) struct Trunk {
     input: Input,
     layers: Vec<Rc<Layer>>,
+    /// The function between the layers, as soon as there are two.
+    hidden: Option<Activation>,
+}
+
+impl Trunk {
+    fn outputs(&self) -> usize {
+        self.layers.last().map_or(INPUTS, |layer| layer.bias.len())
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,7 +68,7 @@ pub(super) struct Output {
 }
 
 impl Output {
-    const TANH: Self = Self {
+    const PLAIN: Self = Self {
         scale: [1.0; 2],
         offset: [0.0; 2],
         low: [f64::NEG_INFINITY; 2],
@@ -71,8 +80,7 @@ impl Signal {
     fn kind(&self) -> &'static str {
         match self {
             Self::Observation(_) => "the observation",
-            Self::Sums(_) => "a layer before its ReLU",
-            Self::Rectified(_) => "a layer after its ReLU",
+            Self::Sums(..) => "the sums of a layer",
             Self::Action(..) => "the action",
         }
     }
@@ -81,8 +89,7 @@ impl Signal {
     pub(super) fn width(&self) -> usize {
         match self {
             Self::Observation(_) => INPUTS,
-            Self::Sums(trunk) | Self::Rectified(trunk) => trunk_outputs(&trunk.layers),
-            Self::Action(..) => OUTPUTS,
+            Self::Sums(trunk, _) | Self::Action(trunk, ..) => trunk.outputs(),
         }
     }
 
@@ -105,23 +112,31 @@ impl Signal {
                 }
                 Ok(Self::Observation(input))
             }
-            Self::Sums(mut trunk) if matches!(step, Step::Add | Step::Sub) => {
+            Self::Sums(mut trunk, curve)
+                if matches!(step, Step::Add | Step::Sub)
+                    && curve.output() == Some(OutputActivation::Linear) =>
+            {
                 let sign = if step == Step::Add { 1.0 } else { -1.0 };
                 let layer = trunk.layers.last_mut().map(Rc::make_mut).ok_or("no layer")?;
                 let by = by.spread_over(layer.bias.len())?;
                 for (bias, c) in layer.bias.iter_mut().zip(by) {
                     *bias = (f64::from(*bias) + sign * c) as f32;
                 }
-                Ok(Self::Sums(trunk))
+                Ok(Self::Sums(trunk, curve))
             }
-            Self::Action(trunk, mut output) => {
-                let by = by.spread::<2>()?;
-                for (i, &c) in by.iter().enumerate() {
-                    output.step(i, step, c);
+            other => match other.into_action() {
+                Self::Action(trunk, activation, mut output) => {
+                    let by = by.spread::<2>()?;
+                    for (i, &c) in by.iter().enumerate() {
+                        output.step(i, step, c);
+                    }
+                    Ok(Self::Action(trunk, activation, output))
                 }
-                Ok(Self::Action(trunk, output))
-            }
-            other => Err(other.unfit(&format!("{step:?}"))),
+                other => {
+                    let c = by.uniform()?;
+                    other.elementwise("a constant", |x| step.of(x, c))
+                }
+            },
         }
     }
 
@@ -133,37 +148,85 @@ impl Signal {
         bias: Vec<f32>,
     ) -> Result<Self, String> {
         let mut trunk = match self {
-            Self::Observation(input) => Trunk { input, layers: vec![] },
-            Self::Rectified(trunk) => trunk,
-            Self::Sums(_) => return Err("two layers without a ReLU between them".into()),
-            Self::Action(..) => {
-                return Err("a layer after Tanh; hidden layers must end with Relu".into());
+            Self::Observation(input) => Trunk { input, layers: vec![], hidden: None },
+            other => {
+                let (mut trunk, curve) = other.curve("a layer")?;
+                if curve.output() == Some(OutputActivation::Linear) {
+                    return Err("two layers without an activation between them".into());
+                }
+                let activation = curve.activation()?;
+                let before = trunk.hidden.replace(activation);
+                if let Some(before) = before.filter(|&before| before != activation) {
+                    return Err(format!(
+                        "{activation} before it, and {before} before the layer before it; an \
+                         actor has the same activation between all layers"
+                    ));
+                }
+                trunk
             }
         };
-        let expected = trunk.layers.last().map_or(INPUTS, |l| l.bias.len());
+        let expected = trunk.outputs();
         if inputs != expected {
             return Err(format!("a layer of {inputs} inputs where {expected} arrive"));
         }
         if trunk.layers.len() == MAX_LAYERS {
-            return Err(format!("more than {MAX_LAYERS} layers"));
+            return Err(format!("more than {MAX_LAYERS} layers, the most that an actor has"));
         }
         debug_assert_eq!((weights.len(), bias.len()), (outputs * inputs, outputs));
         trunk.layers.push(Rc::new(Layer { inputs, weights, bias }));
-        Ok(Self::Sums(trunk))
+        Ok(Self::Sums(trunk, Curve::identity()))
     }
 
-    pub(super) fn relu(self) -> Result<Self, String> {
+    /// Scales and shifts the sums of a layer, unit by unit, as a normalisation with fixed
+    /// statistics does; the layer takes both into its weights.
+    pub(super) fn normalised(self, scale: &Constant, shift: &Constant) -> Result<Self, String> {
         match self {
-            Self::Sums(trunk) | Self::Rectified(trunk) => Ok(Self::Rectified(trunk)),
-            other => Err(other.unfit("Relu")),
+            Self::Sums(mut trunk, curve) if curve.output() == Some(OutputActivation::Linear) => {
+                let layer = trunk.layers.last_mut().map(Rc::make_mut).ok_or("no layer")?;
+                let units = layer.bias.len();
+                let (scale, shift) = (scale.spread_over(units)?, shift.spread_over(units)?);
+                let rows = layer.weights.chunks_mut(layer.inputs).zip(&mut layer.bias);
+                for ((row, bias), (scale, shift)) in rows.zip(scale.iter().zip(shift)) {
+                    for w in row {
+                        *w = (f64::from(*w) * scale) as f32;
+                    }
+                    *bias = (f64::from(*bias) * scale + shift) as f32;
+                }
+                Ok(Self::Sums(trunk, curve))
+            }
+            other => other.step(Step::Mul, scale)?.step(Step::Add, shift),
         }
     }
 
-    pub(super) fn tanh(self) -> Result<Self, String> {
-        match self {
-            Self::Sums(trunk) => Ok(Self::Action(trunk, Output::TANH)),
-            other => Err(other.unfit("Tanh")),
+    /// Applies a function to each value.
+    pub(super) fn elementwise(self, op: &str, f: impl Fn(f64) -> f64) -> Result<Self, String> {
+        let (trunk, curve) = self.curve(op)?;
+        Ok(Self::Sums(trunk, curve.map(f)))
+    }
+
+    /// Combines the values of two signals of the same layer.
+    pub(super) fn with(
+        self,
+        other: Self,
+        op: &str,
+        f: impl Fn(f64, f64) -> f64,
+    ) -> Result<Self, String> {
+        let (trunk, curve) = self.curve(op)?;
+        let (other_trunk, other_curve) = other.curve(op)?;
+        if trunk != other_trunk {
+            return Err(format!("{op} of two different layers is not what an actor does"));
         }
+        Ok(Self::Sums(trunk, curve.with(&other_curve, f)))
+    }
+
+    /// Chooses between two signals of the same layer: `yes` where this is not 0.
+    pub(super) fn choose(self, yes: Self, no: Self) -> Result<Self, String> {
+        let (trunk, condition) = self.curve("Where")?;
+        let ((a, yes), (b, no)) = (yes.curve("Where")?, no.curve("Where")?);
+        if trunk != a || trunk != b {
+            return Err("of two different layers is not what an actor does".into());
+        }
+        Ok(Self::Sums(trunk, condition.choose(&yes, &no)))
     }
 
     /// Raises the lower bound.
@@ -177,41 +240,102 @@ impl Signal {
     }
 
     fn bounded(self, bound: &Constant, nearer: fn(f64, f64) -> f64) -> Result<Self, String> {
-        let Self::Action(trunk, mut output) = self else { return Err(self.unfit("a clip")) };
-        let bound = bound.spread::<2>()?;
-        for ends in [&mut output.low, &mut output.high] {
-            for (end, b) in ends.iter_mut().zip(bound) {
-                *end = nearer(*end, b);
+        match self.into_action() {
+            Self::Action(trunk, activation, mut output) => {
+                let bound = bound.spread::<2>()?;
+                for ends in [&mut output.low, &mut output.high] {
+                    for (end, b) in ends.iter_mut().zip(bound) {
+                        *end = nearer(*end, b);
+                    }
+                }
+                Ok(Self::Action(trunk, activation, output))
+            }
+            other => {
+                let bound = bound.uniform()?;
+                other.elementwise("a clip", |x| nearer(x, bound))
             }
         }
-        Ok(Self::Action(trunk, output))
+    }
+
+    /// Turns what can be an action into one, so that its two values may be scaled apart.
+    fn into_action(self) -> Self {
+        match self {
+            Self::Sums(trunk, curve) if trunk.outputs() == OUTPUTS => match curve.output() {
+                Some(activation) => Self::Action(trunk, activation, Output::PLAIN),
+                None => Self::Sums(trunk, curve),
+            },
+            other => other,
+        }
+    }
+
+    /// Returns the function of the sums. That of an action is one only while both of its values
+    /// are treated alike.
+    fn curve(self, op: &str) -> Result<(Trunk, Curve), String> {
+        match self {
+            Self::Observation(_) => Err(self.unfit(op)),
+            Self::Sums(trunk, curve) => Ok((trunk, curve)),
+            Self::Action(trunk, activation, output) => match output.alike() {
+                Some([scale, offset, low, high]) => {
+                    let f = |x: f64| match activation {
+                        OutputActivation::Tanh => x.tanh(),
+                        _ => x,
+                    };
+                    let value = |x: f64| (offset + scale * f(x)).max(low).min(high);
+                    Ok((trunk, Curve::identity().map(value)))
+                }
+                None => Err(format!("{op} of the action is not what an actor does")),
+            },
+        }
     }
 
     /// Returns the actor, if this is an action.
     pub(super) fn imported_actor(self) -> Result<ImportedActor, String> {
-        let Self::Action(Trunk { input, layers }, output) = self else {
-            return Err(format!("it is {}, with no Tanh at the end", self.kind()));
+        let width = self.width();
+        let (Trunk { input, layers, hidden }, activation, output) = match self.into_action() {
+            Self::Action(trunk, activation, output) => (trunk, activation, output),
+            Self::Sums(..) if width != OUTPUTS => {
+                return Err(format!("rows of {width}, expected {OUTPUTS}"));
+            }
+            Self::Sums(..) => {
+                return Err(
+                    "it is another function of the last sums than tanh or themselves".into()
+                );
+            }
+            Self::Observation(_) => return Err("it is the observation".into()),
         };
-        if trunk_outputs(&layers) != OUTPUTS {
-            return Err(format!("rows of {}, expected {OUTPUTS}", trunk_outputs(&layers)));
-        }
         // A scaling that changes nothing says nothing about the units.
         let observation = (input != Input::PLAIN).then(|| ObservationScaling {
             offset: input.offset.map(|x| x as f32),
             scale: input.scale.map(|x| x as f32),
         });
         let layers = layers.into_iter().map(Rc::unwrap_or_clone).collect();
-        let mut actor = ImportedActor { layers, observation, ..ImportedActor::default() };
-        output.complete(&mut actor);
+        let activations = Activations { hidden: hidden.unwrap_or_default(), output: activation };
+        let mut actor =
+            ImportedActor { layers, activations, observation, ..ImportedActor::default() };
+        output.complete(activation, &mut actor);
         Ok(actor)
     }
 }
 
-fn trunk_outputs(layers: &[Rc<Layer>]) -> usize {
-    layers.last().map_or(INPUTS, |l| l.bias.len())
+impl Step {
+    fn of(self, x: f64, c: f64) -> f64 {
+        match self {
+            Self::Add => x + c,
+            Self::Sub => x - c,
+            Self::Mul => x * c,
+            Self::Div => x / c,
+        }
+    }
 }
 
 impl Output {
+    /// Returns scale, offset, lowest and highest value where both actions have the same.
+    fn alike(&self) -> Option<[f64; 4]> {
+        let Self { scale, offset, low, high } = self;
+        let pairs = [scale, offset, low, high];
+        pairs.iter().all(|[a, b]| a == b).then(|| pairs.map(|[a, _]| *a))
+    }
+
     fn step(&mut self, i: usize, step: Step, c: f64) {
         let Self { scale, offset, low, high, .. } = self;
         let ends = [&mut offset[i], &mut low[i], &mut high[i]];
@@ -229,11 +353,19 @@ impl Output {
     /// Gives the actor the scaling and the bounds of the graph. A graph that ends with its
     /// tanh, multiplies it by 1 or clips it from -1 to 1, leaves both to the user. A bound of
     /// one action only is completed by the leg's own.
-    fn complete(&self, actor: &mut ImportedActor) {
+    fn complete(&self, activation: OutputActivation, actor: &mut ImportedActor) {
         let f32s = |x: [f64; 2]| x.map(|x| x as f32);
         let scaled = self.scale != [1.0; 2] || self.offset != [0.0; 2];
-        let wide = self.low.iter().all(|&x| x <= -1.0) && self.high.iter().all(|&x| x >= 1.0);
-        if !scaled && wide {
+        let (low, high) = (self.low, self.high);
+        let is_open = low == Self::PLAIN.low && high == Self::PLAIN.high;
+        let is_normalised = match activation {
+            OutputActivation::Tanh => {
+                low.iter().all(|&x| x <= -1.0) && high.iter().all(|&x| x >= 1.0)
+            }
+            _ => low == [-1.0; 2] && high == [1.0; 2],
+        };
+        if !scaled && (is_normalised || is_open) {
+            actor.is_normalised = is_normalised;
             return;
         }
         actor.action = Some([f32s(self.scale), f32s(self.offset)]);

@@ -1,15 +1,16 @@
 //! The constants of a graph, in the file or in a file beside it.
 
-use super::proto::{BOOL, DOUBLE, EXTERNAL, FLOAT, INT64, Tensor};
-use leg_control::actor::MAX_WIDTH;
+use super::proto::{BFLOAT16, BOOL, DOUBLE, EXTERNAL, FLOAT, FLOAT16, INT64, Tensor};
+use crate::bridge::half;
+use leg_control::actor::MAX_WEIGHTS;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Component, Path, PathBuf};
 
 /// Largest number of values in a constant of an actor.
-const MOST_VALUES: usize = MAX_WIDTH * MAX_WIDTH;
+const MOST_VALUES: usize = MAX_WEIGHTS;
 
-/// A tensor of finite values.
+/// A tensor of values that are numbers; an infinite one is a bound without effect.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Constant {
     pub(super) dims: Vec<usize>,
@@ -21,16 +22,64 @@ impl Constant {
         Self::new(vec![], vec![f64::from(x)])
     }
 
-    /// Creates a constant, checking that it has as many values as its dimensions and that all
-    /// are finite.
+    /// Creates a constant, checking that it has as many values as its dimensions, and that each
+    /// is infinite or fits f32.
     fn new(dims: Vec<usize>, values: Vec<f64>) -> Result<Self, String> {
         let expected: usize = dims.iter().product();
         if values.len() != expected {
             return Err(format!("{} values where its shape {dims:?} has {expected}", values.len()));
         }
-        match values.iter().position(|x| !(*x as f32).is_finite()) {
+        let fits = |x: &f64| x.is_infinite() || (*x as f32).is_finite();
+        match values.iter().position(|x| !fits(x)) {
             None => Ok(Self { dims, values }),
             Some(i) => Err(format!("value {i} is {}, not a finite number within f32", values[i])),
+        }
+    }
+
+    /// Returns this constant, unless a value is infinite.
+    pub(super) fn finite(&self) -> Result<&Self, String> {
+        match self.values.iter().position(|x| x.is_infinite()) {
+            None => Ok(self),
+            Some(i) => Err(format!("value {i} is {}, not a finite number", self.values[i])),
+        }
+    }
+
+    /// Applies a function to every value.
+    pub(super) fn map(&self, f: impl Fn(f64) -> f64) -> Result<Self, String> {
+        Self::new(self.dims.clone(), self.values.iter().map(|&x| f(x)).collect())
+    }
+
+    /// Combines the values of two constants of one shape, or of which one is a single number.
+    pub(super) fn with(&self, other: &Self, f: impl Fn(f64, f64) -> f64) -> Result<Self, String> {
+        let (a, b) = (&self.values, &other.values);
+        let (dims, values) = match (a.len(), b.len()) {
+            (n, m) if n == m && (n == 1 || self.row_of() == other.row_of()) => {
+                (&self.dims, a.iter().zip(b).map(|(&x, &y)| f(x, y)).collect())
+            }
+            (_, 1) => (&self.dims, a.iter().map(|&x| f(x, b[0])).collect()),
+            (1, _) => (&other.dims, b.iter().map(|&y| f(a[0], y)).collect()),
+            _ => {
+                let shapes = format!("{:?} and {:?}", self.dims, other.dims);
+                return Err(format!("constants of shapes {shapes}, expected the same"));
+            }
+        };
+        Self::new(dims.clone(), values)
+    }
+
+    /// Returns the shape without leading ones.
+    fn row_of(&self) -> &[usize] {
+        let ones = self.dims.iter().take_while(|&&n| n == 1).count();
+        &self.dims[ones..]
+    }
+
+    /// Returns the number that all values are.
+    pub(super) fn uniform(&self) -> Result<f64, String> {
+        match self.values.split_first() {
+            Some((&first, rest)) if rest.iter().all(|&x| x == first) => Ok(first),
+            _ => Err(format!(
+                "a constant of shape {:?} whose values differ, where every unit is treated alike",
+                self.dims
+            )),
         }
     }
 
@@ -59,8 +108,12 @@ impl Constant {
         let size = match tensor.data_type {
             FLOAT => 4,
             DOUBLE => 8,
+            FLOAT16 | BFLOAT16 => 2,
             other => {
-                return Err(format!("data type {other}, readable are 1 (float) and 11 (double)"));
+                return Err(format!(
+                    "data type {other}, readable are 1 (float), 10 (float16), 11 (double) and \
+                     16 (bfloat16)"
+                ));
             }
         };
         let outside;
@@ -70,6 +123,8 @@ impl Constant {
         } else {
             tensor.raw_data.as_deref()
         };
+        let short: fn(u16) -> f32 =
+            if tensor.data_type == BFLOAT16 { half::from_bfloat16 } else { half::from_float16 };
         let values = match (raw, size) {
             (Some(raw), _) if raw.len() != count * size => {
                 return Err(format!(
@@ -81,7 +136,16 @@ impl Constant {
             (Some(raw), 4) => {
                 raw.as_chunks().0.iter().map(|&b| f64::from(f32::from_le_bytes(b))).collect()
             }
+            (Some(raw), 2) => {
+                let numbers = raw.as_chunks().0.iter().map(|&b| short(u16::from_le_bytes(b)));
+                numbers.map(f64::from).collect()
+            }
             (Some(raw), _) => raw.as_chunks().0.iter().map(|&b| f64::from_le_bytes(b)).collect(),
+            // Sixteen bits lie in the lower half of an integer.
+            (None, 2) => {
+                let bits = tensor.int32_data.iter().map(|&n| n as u16);
+                bits.map(|bits| f64::from(short(bits))).collect()
+            }
             (None, 4) => tensor.float_data.iter().map(|&x| f64::from(x)).collect(),
             (None, _) => tensor.double_data.clone(),
         };

@@ -4,19 +4,25 @@
 //! edge is a constant, a [`Signal`] between observation and action, or an unsupported value. Of
 //! the last only the reason is stored: it matters only where an output depends on it.
 
+use super::curve;
 use super::proto::{Attribute, DOUBLE, FLOAT, Graph, Node, Tensor};
 use super::read::label;
 use super::signal::{Input, Signal, Step};
 use super::tensor::{Constant, flag, integers};
 use crate::bridge::ImportError;
+use crate::bridge::activation::{ELU_SCALE, LEAKY_RELU_SLOPE};
+use leg_control::actor::OUTPUTS;
 use std::collections::HashMap;
 use std::path::PathBuf;
 use std::rc::Rc;
 
 /// The supported operations, for messages.
-const KNOWN: &str = "Add, Cast, Clip, Constant, Div, Dropout, Flatten, Gemm, Identity, MatMul, \
-                     Max, Min, Mul, Relu, Reshape, Sub, Tanh, Transpose, Scaler of ai.onnx.ml, \
-                     FusedGemm of com.microsoft";
+const KNOWN: &str = "Add, BatchNormalization, Cast, Clip, Constant, Div, Dropout, Elu, Erf, Exp, \
+                     Expand, Flatten, Gelu, Gemm, Greater, Identity, LeakyRelu, Less, MatMul, Max, \
+                     Min, Mul, Neg, Pow, Reciprocal, Relu, Reshape, Sigmoid, Sqrt, Sub, Swish, \
+                     Tanh, Transpose, Where, Scaler of ai.onnx.ml, FusedGemm of com.microsoft";
+/// The activations of a `FusedGemm`, for messages.
+const FUSED: &str = "Elu, LeakyRelu, Relu, Sigmoid, Tanh";
 /// First operator set in which Dropout has no attribute `is_test`.
 const DROPOUT_WITHOUT_TEST: i64 = 7;
 
@@ -27,6 +33,8 @@ pub(super) enum Edge<'a> {
     Stored(&'a Tensor),
     Constant(Rc<Constant>),
     Signal(Signal),
+    /// The shape of rows of this width.
+    Shape(usize),
     /// An unsupported value, and the reason.
     Other(Rc<str>),
 }
@@ -146,18 +154,20 @@ impl<'a> Walk<'a> {
                 let weights = self.constant(node, 1)?.ok_or("its second input is missing")?;
                 let weights = weights.transposed()?;
                 let shape = weights.matrix()?;
-                signal()?.dense(shape, weights.f32s(), vec![0.0; shape[0]])
+                signal()?.dense(shape, weights.finite()?.f32s(), vec![0.0; shape[0]])
             }
-            "Relu" => signal()?.relu(),
-            "Tanh" => signal()?.tanh(),
-            "Add" => self.step(node, Step::Add),
-            "Sub" => self.step(node, Step::Sub),
-            "Mul" => self.step(node, Step::Mul),
-            "Div" => self.step(node, Step::Div),
+            "BatchNormalization" => self.batch_normalisation(node, signal()?),
+            "Shape" => return Ok(Edge::Shape(signal()?.width())),
+            "Expand" => self.expand(node, signal()?),
             "Clip" => self.clip(node, signal()?),
-            "Max" => self.pair(node).and_then(|(signal, bound, _)| signal.at_least(&bound)),
-            "Min" => self.pair(node).and_then(|(signal, bound, _)| signal.at_most(&bound)),
-            _ => Err(format!("not an operation that an actor may have; these are {KNOWN}")),
+            "Where" => self.choice(node),
+            "Add" | "Sub" | "Mul" | "Div" | "Pow" | "Max" | "Min" | "Greater" | "Less" => {
+                return self.of_two(node);
+            }
+            op => match function(op, node) {
+                Some(f) => return self.of_one(node, op, f?),
+                None => Err(format!("not an operation that an actor may have; these are {KNOWN}")),
+            },
         };
         result.map(Edge::Signal)
     }
@@ -185,33 +195,135 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// Returns a signal and a constant, and whether the constant comes first.
-    fn pair(&self, node: &Node) -> Result<(Signal, Rc<Constant>, bool), String> {
-        if node.input.len() != 2 {
-            return Err(format!("{} inputs, expected 2", node.input.len()));
-        }
-        let missing = || "an input is missing".to_owned();
-        let constant = |index| self.constant(node, index)?.ok_or_else(missing);
-        match (self.edge(node, 0)?, self.edge(node, 1)?) {
-            (Some(Edge::Signal(_)), Some(Edge::Signal(_))) => {
-                Err("of two computed values, expected a constant".into())
+    /// Applies a function to a computed value or a constant.
+    fn of_one(&self, node: &Node, op: &str, f: Function) -> Result<Edge<'a>, String> {
+        match self.edge(node, 0)?.ok_or("its input is missing")? {
+            // The only function of an observation that is a scaling.
+            Edge::Signal(signal @ Signal::Observation(_)) if op == "Neg" => {
+                signal.step(Step::Mul, &Constant::scalar(-1.0)?).map(Edge::Signal)
             }
-            (Some(Edge::Signal(signal)), _) => Ok((signal, constant(1)?, false)),
-            (_, Some(Edge::Signal(signal))) => Ok((signal, constant(0)?, true)),
-            _ => Err("of two constants; export with constant folding".into()),
+            Edge::Signal(signal @ Signal::Action(..)) if op == "Neg" => {
+                signal.step(Step::Mul, &Constant::scalar(-1.0)?).map(Edge::Signal)
+            }
+            Edge::Signal(signal) => signal.elementwise(op, f).map(Edge::Signal),
+            _ => {
+                let constant = self.constant(node, 0)?.ok_or("its input is missing")?;
+                Ok(Edge::Constant(Rc::new(constant.map(f)?)))
+            }
         }
     }
 
-    fn step(&self, node: &Node, step: Step) -> Result<Signal, String> {
-        let (signal, by, reversed) = self.pair(node)?;
-        match (reversed, step) {
-            (false, _) | (true, Step::Add | Step::Mul) => signal.step(step, &by),
-            // A constant minus x is -x plus the constant.
-            (true, Step::Sub) => {
-                signal.step(Step::Mul, &Constant::scalar(-1.0)?)?.step(Step::Add, &by)
-            }
-            (true, Step::Div) => Err("a constant by a computed value".into()),
+    /// Applies an operation to two values, each computed or constant.
+    fn of_two(&self, node: &Node) -> Result<Edge<'a>, String> {
+        if node.input.len() != 2 {
+            return Err(format!("{} inputs, expected 2", node.input.len()));
         }
+        let op = node.op_type.as_str();
+        let f: fn(f64, f64) -> f64 = match op {
+            "Add" => |a, b| a + b,
+            "Sub" => |a, b| a - b,
+            "Mul" => |a, b| a * b,
+            "Div" => |a, b| a / b,
+            "Pow" => f64::powf,
+            "Max" => f64::max,
+            "Min" => f64::min,
+            "Greater" => |a, b| f64::from(a > b),
+            _ => |a, b| f64::from(a < b),
+        };
+        let missing = "an input is missing";
+        let constant = |index| self.constant(node, index)?.ok_or_else(|| missing.to_owned());
+        let signal = match (self.edge(node, 0)?, self.edge(node, 1)?) {
+            (Some(Edge::Signal(a)), Some(Edge::Signal(b))) => a.with(b, op, f)?,
+            (Some(Edge::Signal(signal)), _) => {
+                let by = constant(1)?;
+                match op {
+                    "Add" => signal.step(Step::Add, by.finite()?)?,
+                    "Sub" => signal.step(Step::Sub, by.finite()?)?,
+                    "Mul" => signal.step(Step::Mul, by.finite()?)?,
+                    "Div" => signal.step(Step::Div, by.finite()?)?,
+                    "Max" => signal.at_least(&by)?,
+                    "Min" => signal.at_most(&by)?,
+                    _ => {
+                        let by = by.uniform()?;
+                        signal.elementwise(op, |x| f(x, by))?
+                    }
+                }
+            }
+            (_, Some(Edge::Signal(signal))) => {
+                let by = constant(0)?;
+                match op {
+                    "Add" => signal.step(Step::Add, by.finite()?)?,
+                    "Mul" => signal.step(Step::Mul, by.finite()?)?,
+                    // A constant minus x is -x plus the constant.
+                    "Sub" => signal
+                        .step(Step::Mul, &Constant::scalar(-1.0)?)?
+                        .step(Step::Add, by.finite()?)?,
+                    "Max" => signal.at_least(&by)?,
+                    "Min" => signal.at_most(&by)?,
+                    _ => {
+                        let by = by.uniform()?;
+                        signal.elementwise(op, |x| f(by, x))?
+                    }
+                }
+            }
+            _ => {
+                let folded = constant(0)?.with(&*constant(1)?, f)?;
+                return Ok(Edge::Constant(Rc::new(folded)));
+            }
+        };
+        Ok(Edge::Signal(signal))
+    }
+
+    /// Evaluates a choice between two functions of the same sums.
+    fn choice(&self, node: &Node) -> Result<Signal, String> {
+        let computed = |index| match self.edge(node, index)? {
+            Some(Edge::Signal(signal)) => Ok(Some(signal)),
+            Some(_) => Ok::<_, String>(None),
+            None => Err("an input is missing".into()),
+        };
+        let condition = computed(0)?.ok_or("its condition is a constant")?;
+        // A constant is the same for every sum.
+        let value = |index| {
+            if let Some(signal) = computed(index)? {
+                return Ok(signal);
+            }
+            let x = self.constant(node, index)?.ok_or("an input is missing")?.uniform()?;
+            condition.clone().elementwise("Where", |_| x)
+        };
+        let (yes, no) = (value(1)?, value(2)?);
+        condition.choose(yes, no)
+    }
+
+    /// Evaluates a normalisation with fixed statistics.
+    fn batch_normalisation(&self, node: &Node, signal: Signal) -> Result<Signal, String> {
+        let training = attribute(node, "training_mode").and_then(|a| a.i).unwrap_or(0) != 0;
+        if training || node.output.iter().skip(1).any(|name| !name.is_empty()) {
+            return Err("in training mode; export the actor in evaluation mode".into());
+        }
+        let number = |index, name: &str| {
+            self.constant(node, index)?.ok_or_else(|| format!("its {name} is missing"))
+        };
+        let (scale, shift) = (number(1, "scale")?, number(2, "shift")?);
+        let (mean, variance) = (number(3, "mean")?, number(4, "variance")?);
+        let epsilon = attribute(node, "epsilon").and_then(|a| a.f).unwrap_or(1e-5);
+        let deviation = variance.map(|v| (v + f64::from(epsilon)).sqrt())?;
+        let scale = scale.with(&deviation, |s, d| s / d)?;
+        let shift = shift.with(&mean.with(&scale, |m, s| m * s)?, |b, ms| b - ms)?;
+        signal.normalised(scale.finite()?, shift.finite()?)
+    }
+
+    /// Accepts an Expand to the shape that the rows have already.
+    fn expand(&self, node: &Node, signal: Signal) -> Result<Signal, String> {
+        let width = signal.width();
+        let fits = match self.edge(node, 1)? {
+            Some(Edge::Shape(of)) => of == width,
+            Some(Edge::Stored(tensor)) => match integers(tensor)?[..] {
+                [w] | [1, w] => w == 1 || usize::try_from(w).is_ok_and(|w| w == width),
+                _ => false,
+            },
+            _ => false,
+        };
+        if fits { Ok(signal) } else { Err(format!("to something other than rows of {width}")) }
     }
 
     fn gemm(&self, node: &Node, signal: Signal) -> Result<Signal, String> {
@@ -230,11 +342,11 @@ impl<'a> Walk<'a> {
         }
         let [outputs, inputs] = weights.matrix()?;
         let bias = match self.constant(node, 2)? {
-            Some(bias) => bias.spread_over(outputs)?,
+            Some(bias) => bias.finite()?.spread_over(outputs)?,
             None => vec![0.0; outputs],
         };
         let bias = bias.into_iter().map(|x| x as f32).collect();
-        signal.dense([outputs, inputs], weights.f32s(), bias)
+        signal.dense([outputs, inputs], weights.finite()?.f32s(), bias)
     }
 
     /// Evaluates a Gemm with an activation behind it, as ONNX Runtime writes it when it
@@ -242,12 +354,19 @@ impl<'a> Walk<'a> {
     fn fused_gemm(&self, node: &Node, signal: Signal) -> Result<Signal, String> {
         let sums = self.gemm(node, signal)?;
         match attribute(node, "activation").and_then(|a| a.s.as_deref()) {
-            Some(b"Relu") => sums.relu(),
-            Some(b"Tanh") => sums.tanh(),
-            other => {
-                let found = other.unwrap_or_default().escape_ascii();
-                Err(format!("activation \"{found}\", expected Relu or Tanh"))
+            Some(name) => {
+                let op = String::from_utf8_lossy(name);
+                let unknown =
+                    || format!("activation \"{}\", expected one of {FUSED}", op.escape_debug());
+                let f = match &*op {
+                    "Relu" | "Tanh" | "Sigmoid" => function(&op, node).ok_or_else(unknown)??,
+                    "LeakyRelu" => leaky_relu(fused_alpha(node).unwrap_or(LEAKY_RELU_SLOPE)),
+                    "Elu" => elu(fused_alpha(node).unwrap_or(ELU_SCALE)),
+                    _ => return Err(unknown()),
+                };
+                sums.elementwise(&op, f)
             }
+            None => Err(format!("no activation, expected one of {FUSED}")),
         }
     }
 
@@ -264,6 +383,8 @@ impl<'a> Walk<'a> {
             [1 | -1, w] if w == width => Ok(signal),
             [0, w] if !zero_is_zero && (w == width || w == -1) => Ok(signal),
             [1, -1] => Ok(signal),
+            // The two actions of a row one below the other, as skl2onnx ends a network.
+            [-1, 1] if signal.width() == OUTPUTS => Ok(signal),
             _ => Err(format!("to {shape:?}, where rows of {width} arrive; an actor keeps them")),
         }
     }
@@ -285,7 +406,7 @@ impl<'a> Walk<'a> {
     }
 
     fn clip(&self, node: &Node, mut signal: Signal) -> Result<Signal, String> {
-        // The bounds are attributes before opset 11, and inputs since.
+        // An infinite bound bounds nothing. The bounds are attributes before opset 11, and inputs since.
         let bound = |name: &str, index| match attribute(node, name).and_then(|a| a.f) {
             Some(x) => Constant::scalar(x).map(|c| Some(Rc::new(c))),
             None => self.constant(node, index),
@@ -298,6 +419,51 @@ impl<'a> Walk<'a> {
         }
         Ok(signal)
     }
+}
+
+/// A function of one number.
+type Function = Box<dyn Fn(f64) -> f64>;
+
+/// Returns the function of an operation with one input; `None` for any other operation.
+fn function(op: &str, node: &Node) -> Option<Result<Function, String>> {
+    let number = |name: &str| attribute(node, name).and_then(|a| a.f);
+    Some(Ok(match op {
+        "Relu" => Box::new(|x: f64| x.max(0.0)),
+        "LeakyRelu" => leaky_relu(number("alpha").unwrap_or(LEAKY_RELU_SLOPE)),
+        "Elu" => elu(number("alpha").unwrap_or(ELU_SCALE)),
+        "Tanh" => Box::new(f64::tanh),
+        "Sigmoid" => Box::new(curve::sigmoid),
+        "Swish" => {
+            let alpha = f64::from(number("alpha").unwrap_or(1.0));
+            Box::new(move |x| x * curve::sigmoid(alpha * x))
+        }
+        "Gelu" => match attribute(node, "approximate").and_then(|a| a.s.as_deref()) {
+            Some(b"tanh") => Box::new(curve::gelu_tanh),
+            None | Some(b"none") => Box::new(curve::gelu),
+            Some(other) => {
+                return Some(Err(format!("approximate \"{}\"", other.escape_ascii())));
+            }
+        },
+        "Erf" => Box::new(libm::erf),
+        "Exp" => Box::new(f64::exp),
+        "Neg" => Box::new(|x: f64| -x),
+        "Sqrt" => Box::new(f64::sqrt),
+        "Reciprocal" => Box::new(f64::recip),
+        _ => return None,
+    }))
+}
+
+fn leaky_relu(slope: f32) -> Function {
+    Box::new(move |x| if x > 0.0 { x } else { f64::from(slope) * x })
+}
+
+fn elu(scale: f32) -> Function {
+    Box::new(move |x| if x > 0.0 { x } else { f64::from(scale) * x.exp_m1() })
+}
+
+/// Returns the parameter of the activation of a `FusedGemm`.
+fn fused_alpha(node: &Node) -> Option<f32> {
+    attribute(node, "activation_alpha").and_then(|a| a.f)
 }
 
 /// Returns the value of a Constant node.

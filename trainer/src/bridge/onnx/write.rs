@@ -1,12 +1,12 @@
 //! From a policy to an ONNX graph.
 
 use super::proto::{
-    ATTRIBUTE_INT, Attribute, Dimension, Entry, FLOAT, Graph, Model, Node, OperatorSet, Shape,
-    Tensor, TensorType, Type, ValueInfo,
+    ATTRIBUTE_FLOAT, ATTRIBUTE_INT, Attribute, Dimension, Entry, FLOAT, Graph, Model, Node,
+    OperatorSet, Shape, Tensor, TensorType, Type, ValueInfo,
 };
 use crate::bridge::model_card::{KEY, ModelCard};
 use crate::policy::PackedActor;
-use leg_control::actor::{INPUTS, OUTPUTS};
+use leg_control::actor::{Activation, GELU_CUBE, GELU_SLOPE, INPUTS, OUTPUTS, OutputActivation};
 use leg_control::policy::Policy;
 use prost::Message;
 
@@ -19,8 +19,9 @@ const IR_VERSION: i64 = 7;
 /// Writes a policy as an ONNX file: a graph from `observation`, f32 (batch, 3), to `action`,
 /// f32 (batch, 2). The same policy gives the same bytes.
 ///
-/// The nodes are Sub, Mul, then Gemm and Relu alternating, Tanh, Mul, Add, and Max and Min for
-/// the clip, whose bounds differ between the actions. Only NaN is treated differently: here it
+/// The nodes are Sub, Mul, then Gemm and the activation alternating, Tanh where the actor has it,
+/// Mul, Add, and Max and Min for the clip, whose bounds differ between the actions. `SiLU` and GELU
+/// are written by simpler operations, which this operator set has. Only NaN is treated differently: here it
 /// stays NaN, where the controller takes the lowest action.
 #[must_use]
 pub fn export(policy: &Policy<'_>) -> Vec<u8> {
@@ -46,7 +47,11 @@ pub fn export(policy: &Policy<'_>) -> Vec<u8> {
             ..Default::default()
         };
         chain.nodes.last_mut().expect("just pushed").attribute.push(transposed);
-        chain.node(if i + 1 < layers.len() { "Relu" } else { "Tanh" }, &[]);
+        if i + 1 < layers.len() {
+            chain.activation(packed.activations.hidden);
+        } else if packed.activations.output == OutputActivation::Tanh {
+            chain.node("Tanh", &[]);
+        }
     }
     let a = &packed.action;
     chain.with("Mul", "action_scale", &a.scale);
@@ -98,6 +103,55 @@ impl Chain {
             ..Default::default()
         });
         self.at = name;
+    }
+
+    /// Appends an activation between layers.
+    fn activation(&mut self, activation: Activation) {
+        let alpha = |alpha: f32| Attribute {
+            name: "alpha".into(),
+            f: Some(alpha),
+            kind: ATTRIBUTE_FLOAT,
+            ..Default::default()
+        };
+        match activation {
+            Activation::Tanh => self.node("Tanh", &[]),
+            Activation::LeakyRelu(slope) => self.node_with("LeakyRelu", alpha(slope)),
+            Activation::Elu(scale) => self.node_with("Elu", alpha(scale)),
+            Activation::Silu => {
+                let sums = self.at.clone();
+                self.node("Sigmoid", &[]);
+                self.node("Mul", &[sums]);
+            }
+            Activation::GeluTanh => {
+                // x (1/2 + 1/2 tanh(slope (x + cube x^3)))
+                let sums = [self.at.clone()];
+                self.node("Mul", &sums);
+                self.node("Mul", &sums);
+                self.by("Mul", "gelu_cube", GELU_CUBE);
+                self.node("Add", &sums);
+                self.by("Mul", "gelu_slope", GELU_SLOPE);
+                self.node("Tanh", &[]);
+                self.by("Mul", "gelu_half", 0.5);
+                self.by("Add", "gelu_half", 0.5);
+                self.node("Mul", &sums);
+            }
+            _ => self.node("Relu", &[]),
+        }
+    }
+
+    fn node_with(&mut self, op: &str, attribute: Attribute) {
+        self.node(op, &[]);
+        if let Some(node) = self.nodes.last_mut() {
+            node.attribute.push(attribute);
+        }
+    }
+
+    /// Applies an operation with one number, which is stored once.
+    fn by(&mut self, op: &str, name: &str, number: f32) {
+        if !self.initializers.iter().any(|tensor| tensor.name == name) {
+            self.constant(name, &[1], &[number]);
+        }
+        self.node(op, &[name.to_owned()]);
     }
 
     fn with(&mut self, op: &str, name: &str, numbers: &[f32]) {

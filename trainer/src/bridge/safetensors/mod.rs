@@ -8,12 +8,14 @@
 mod container;
 
 use super::ImportError;
+use super::half::{from_bfloat16, from_float16};
 use super::imported::{Assumption, ImportedActor, Subject};
 use super::model_card::{KEY, ModelCard};
 use super::state_dict::{self, Found, Linear, Named, has_gaps, names_of};
 use crate::net::mlp::Layer;
 use crate::policy::PackedActor;
 use container::Container;
+use leg_control::actor::{Activations, OutputActivation};
 use leg_control::policy::Policy;
 
 pub use super::state_dict::StateDictOptions;
@@ -44,8 +46,8 @@ pub fn import(bytes: &[u8], options: &StateDictOptions<'_>) -> Result<ImportedAc
     let tensors: Vec<Named<'_>> =
         file.tensors.iter().map(|(name, entry)| (name.as_str(), entry.shape.as_slice())).collect();
     let known = StateDictOptions {
-        hidden_is_relu: options.hidden_is_relu || card.is_some(),
-        output_is_tanh: options.output_is_tanh || card.is_some(),
+        hidden: card.as_ref().map(|c| c.activations().hidden).or(options.hidden),
+        output: card.as_ref().map(|c| c.activations().output).or(options.output),
         ..*options
     };
     let Found { row, scale_and_bias, ignored } = state_dict::find(&tensors, &known)?;
@@ -68,8 +70,19 @@ pub fn import(bytes: &[u8], options: &StateDictOptions<'_>) -> Result<ImportedAc
         let names = ignored.iter().map(|name| name.escape_debug().to_string());
         taken.push(format!("not {}", state_dict::shortened(names)));
     }
+    let unbiased = row.iter().map(|l| l.tensor("bias"));
+    let unbiased: Vec<String> = unbiased.filter(|name| !file.tensors.contains_key(name)).collect();
+    if !unbiased.is_empty() {
+        taken.push(format!("biases of 0 for {}", state_dict::shortened(unbiased.into_iter())));
+    }
+    let activations = Activations {
+        hidden: known.hidden.unwrap_or_default(),
+        output: known.output.unwrap_or_default(),
+    };
     Ok(ImportedActor {
         layers,
+        activations,
+        is_normalised: activations.output == OutputActivation::Tanh,
         observation: card.as_ref().map(|c| c.observation),
         action,
         low: card.as_ref().map(|c| c.action.low),
@@ -83,13 +96,13 @@ pub fn import(bytes: &[u8], options: &StateDictOptions<'_>) -> Result<ImportedAc
 /// Returns the assumptions about what a state dict cannot state.
 fn assumed(known: &StateDictOptions<'_>, row: &[Linear]) -> Vec<Assumption> {
     let mut assumed = Vec::new();
-    if !known.hidden_is_relu {
+    if known.hidden.is_none() {
         let more = "; their numbers leave room for more, such as a normalisation without weights";
         let more = if has_gaps(row) { more } else { "" };
         let text = format!("ReLU between the layers, and nothing else{more}");
         assumed.push(Assumption::new(Subject::HiddenActivation, text));
     }
-    if !known.output_is_tanh {
+    if known.output.is_none() {
         assumed.push(Assumption::new(Subject::OutputActivation, "tanh after the last layer"));
     }
     assumed
@@ -110,7 +123,12 @@ fn pair(file: &Container<'_>, name: &str) -> Result<[f32; 2], ImportError> {
 
 fn layer(file: &Container<'_>, linear: &Linear) -> Result<Layer, ImportError> {
     let weights = numbers(file, &linear.tensor("weight"), &[linear.outputs, linear.inputs])?;
-    let bias = numbers(file, &linear.tensor("bias"), &[linear.outputs])?;
+    let bias = linear.tensor("bias");
+    let bias = if file.tensors.contains_key(&bias) {
+        numbers(file, &bias, &[linear.outputs])?
+    } else {
+        vec![0.0; linear.outputs]
+    };
     Ok(Layer { inputs: linear.inputs, weights, bias })
 }
 
@@ -129,7 +147,11 @@ fn numbers(file: &Container<'_>, name: &str, shape: &[usize]) -> Result<Vec<f32>
     let numbers: Vec<f32> = match entry.dtype.as_str() {
         "F32" => data.as_chunks().0.iter().map(|&b| f32::from_le_bytes(b)).collect(),
         "F64" => data.as_chunks().0.iter().map(|&b| f64::from_le_bytes(b) as f32).collect(),
-        other => return Err(error(format!("dtype {other}"), "F32 or F64".into())),
+        "F16" => data.as_chunks().0.iter().map(|&b| from_float16(u16::from_le_bytes(b))).collect(),
+        "BF16" => {
+            data.as_chunks().0.iter().map(|&b| from_bfloat16(u16::from_le_bytes(b))).collect()
+        }
+        other => return Err(error(format!("dtype {other}"), "F16, BF16, F32 or F64".into())),
     };
     match numbers.iter().position(|x| !x.is_finite()) {
         None => Ok(numbers),

@@ -8,7 +8,7 @@
 mod unused;
 
 use super::ImportError;
-use leg_control::actor::{INPUTS, MAX_LAYERS, OUTPUTS};
+use leg_control::actor::{Activation, INPUTS, MAX_LAYERS, OUTPUTS, OutputActivation};
 use unused::Rest;
 
 /// Largest number of layers or tensors that an error lists.
@@ -18,16 +18,16 @@ const MOST_LISTED: usize = 12;
 pub(super) type Named<'a> = (&'a str, &'a [usize]);
 
 /// What the user states about a state dict.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StateDictOptions<'a> {
     /// Layers of the actor in order; `None` takes the only ones that can be an actor.
     pub layers: Option<&'a [String]>,
     /// Tensors, or modules of tensors, that do not change the actions.
     pub ignored: &'a [String],
-    /// Whether the activation between the layers is known to be ReLU.
-    pub hidden_is_relu: bool,
-    /// Whether the activation after the last layer is known to be tanh.
-    pub output_is_tanh: bool,
+    /// The activation between the layers; `None` takes ReLU.
+    pub hidden: Option<Activation>,
+    /// The activation after the last layer; `None` takes tanh.
+    pub output: Option<OutputActivation>,
 }
 
 /// The actor's part of a state dict.

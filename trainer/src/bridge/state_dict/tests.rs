@@ -1,6 +1,7 @@
 //! State dicts of several programs.
 
 use super::{StateDictOptions, find};
+use leg_control::actor::OutputActivation;
 
 type Shapes<'a> = &'a [(&'a str, &'a [usize])];
 
@@ -166,7 +167,8 @@ fn asks_about_the_output_of_an_actor_with_a_fixed_deviation() {
         let all = beside(&tensors);
         let error = find(&all, &StateDictOptions::default()).unwrap_err().to_string();
         assert!(error.starts_with(&format!("{name:?}: a standard deviation")), "{error}");
-        let options = StateDictOptions { output_is_tanh: true, ..Default::default() };
+        let options =
+            StateDictOptions { output: Some(OutputActivation::Tanh), ..Default::default() };
         assert_eq!(found(&all, options).unwrap()[1], name);
     }
 }

@@ -32,7 +32,7 @@ enum Role {
 ///
 /// # Errors
 /// [`ImportError::Unused`] when one could change the actions, [`ImportError::Gaussian`] for an
-/// actor whose actions have a fixed standard deviation, unless its output is known to be tanh.
+/// actor whose actions have a fixed standard deviation, unless what follows its last layer is known.
 pub(super) fn sort(
     tensors: &[Named<'_>],
     row: &[Linear],
@@ -50,7 +50,7 @@ pub(super) fn sort(
             continue;
         }
         match role(name, shape, &module, options.ignored) {
-            Role::Deviation if !options.output_is_tanh => deviation = Some(name.to_owned()),
+            Role::Deviation if options.output.is_none() => deviation = Some(name.to_owned()),
             Role::Ignored | Role::Deviation => rest.ignored.push(name.to_owned()),
             Role::Unknown => unknown.push((name, shape)),
         }

@@ -4,10 +4,9 @@ use super::check;
 use crate::bridge::imported::{ImportOptions, ImportedActor};
 use crate::bridge::onnx::OnnxOptions;
 use crate::bridge::safetensors::StateDictOptions;
-use crate::bridge::{ImportError, json, onnx, safetensors};
-use crate::cli::{Failure, input};
-use anyhow::anyhow;
-use clap::{Args, ValueEnum, value_parser};
+use crate::bridge::{ImportError, activation, json, onnx, safetensors};
+use clap::{Args, value_parser};
+use leg_control::actor::{Activation, OutputActivation};
 use leg_control::policy::GainPoint;
 use std::path::{Path, PathBuf};
 
@@ -16,20 +15,22 @@ const LAYOUT: &str = r#"A safetensors file holds linear layers, such as 0.weight
 The actor is the only module whose layers lead from 3 inputs to 2 outputs, in the order
 of the numbers in their names; where there are several, or several orders, or its layers
 are in several modules, --layers names them in order. ReLU between the layers and tanh
-after the last are assumed. The tensors action_scale and action_bias are applied. Those
+after the last are assumed; --hidden-activation and --output-activation name others. The tensors action_scale and action_bias are applied. Those
 of critics, targets and optimisers are left out; any other tensor is an error, unless
 --ignore names it or its module.
 
 An ONNX file holds a graph from one input, rows of 3, to rows of 2: Gemm or MatMul and
-Add with Relu between, Tanh at the end, and scalings and clips before and after. Of
-several outputs the first is the action.
+Add with the same activation between all layers (relu, leaky_relu, elu, tanh, silu or
+gelu_tanh, however it is written), tanh or nothing at the end, and scalings and clips
+before and after. Of several outputs the first is the action. Its weights may lie in a
+second file beside it, X.onnx.data: both travel together.
 
 The inputs are vx (m/s), y (m) and density ratio rho; the network sees (input - offset)
 * scale. The outputs are the touchdown angle alpha (rad) and the elongation speed rs
-(m/s), clip(offset + scale * tanh(z), low, high). The options give what the file does
+(m/s), clip(offset + scale * tanh(z), low, high), or the same without tanh. The options give what the file does
 not state. The defaults are unscaled inputs, low and high of pi/10 to pi/1.2 rad and 0 to
-2 m/s, and tanh from -1 to 1 spread from low to high, as SB3 does for a Box action. All
-that is assumed is printed, with the options that replace it.
+2 m/s, tanh from -1 to 1 spread from low to high, as SB3 does for a Box action, and
+outputs without tanh in rad and m/s. All that is assumed is printed, with the options that replace it.
 
 --check compares the actor with the framework that trained it: a CSV file with columns
 vx, y, rho, alpha and rs, observations and their actions. An actor that answers
@@ -53,6 +54,10 @@ Any other key is an error."#;
 /// Integral gain at every density ratio where only the feed-forward is given.
 const KI: f32 = 0.05;
 
+/// Help of `--hidden-activation`.
+const HIDDEN_ACTIVATION: &str = "Activation between the layers of a safetensors file: relu, \
+    leaky_relu(SLOPE), elu(SCALE), tanh, silu or gelu_tanh [assumed: relu]";
+
 #[derive(Debug, Args)]
 #[command(after_help = LAYOUT)]
 pub(in crate::cli) struct Arguments {
@@ -70,12 +75,13 @@ pub(in crate::cli) struct Arguments {
     /// Tensors or modules of a safetensors file that do not change the actions
     #[arg(long, value_delimiter = ',', conflicts_with_all = ["onnx", "json"])]
     ignore: Vec<String>,
-    /// Activation between the layers of a safetensors file [assumed: relu]
-    #[arg(long, value_enum, value_name = "NAME", conflicts_with_all = ["onnx", "json"])]
+    #[arg(long, value_parser = activation::hidden, value_name = "NAME",
+        conflicts_with_all = ["onnx", "json"], help = HIDDEN_ACTIVATION)]
     hidden_activation: Option<Activation>,
-    /// Activation after the last layer of a safetensors file [assumed: tanh]
-    #[arg(long, value_enum, value_name = "NAME", conflicts_with_all = ["onnx", "json"])]
-    output_activation: Option<Activation>,
+    /// Activation after the last layer of a safetensors file, tanh or linear [assumed: tanh]
+    #[arg(long, value_parser = activation::output, value_name = "NAME",
+        conflicts_with_all = ["onnx", "json"])]
+    output_activation: Option<OutputActivation>,
     /// Output of an ONNX file that is the action [assumed: the first]
     #[arg(long, value_name = "NAME", conflicts_with_all = ["safetensors", "json"])]
     output: Option<String>,
@@ -91,10 +97,10 @@ pub(in crate::cli) struct Arguments {
     /// Scale that the inputs are then multiplied by
     #[arg(long, value_name = "VX,Y,RHO", value_parser = numbers::<3>, allow_hyphen_values = true)]
     observation_scale: Option<Numbers<3>>,
-    /// Offset that is added to the scaled tanh: rad, m/s
+    /// Offset that is added to the scaled outputs: rad, m/s
     #[arg(long, value_name = "ALPHA,RS", value_parser = numbers::<2>, allow_hyphen_values = true)]
     action_offset: Option<Numbers<2>>,
-    /// Scale of the tanh: rad, m/s
+    /// Scale of the outputs: rad, m/s
     #[arg(long, value_name = "ALPHA,RS", value_parser = numbers::<2>, allow_hyphen_values = true)]
     action_scale: Option<Numbers<2>>,
     /// Lowest action: rad, m/s
@@ -124,16 +130,6 @@ struct Source {
     /// JSON file to import, in the layout below
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-}
-
-/// An activation, by its usual name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Activation {
-    Relu,
-    Tanh,
-    Elu,
-    Silu,
-    None,
 }
 
 fn tolerance(text: &str) -> Result<f64, String> {
@@ -182,21 +178,6 @@ impl Arguments {
         }
     }
 
-    /// Refuses activations that the controller's actor does not have.
-    pub(super) fn check_activations(&self) -> Result<(), Failure> {
-        let refuse = |option: &str, given: Option<Activation>, own: Activation, words: &str| {
-            let Some(other) = given.filter(|given| *given != own) else { return Ok(()) };
-            let name = format!("{other:?}").to_lowercase();
-            Err(input(anyhow!(
-                "{option}: the controller's actor has {words}, not {name}; train it so"
-            )))
-        };
-        let hidden = "ReLU between its layers";
-        refuse("--hidden-activation", self.hidden_activation, Activation::Relu, hidden)?;
-        let output = "tanh after its last layer";
-        refuse("--output-activation", self.output_activation, Activation::Tanh, output)
-    }
-
     /// Reads the actor from the content of the source.
     pub(super) fn imported_actor(&self, bytes: &[u8]) -> Result<ImportedActor, ImportError> {
         match &self.source {
@@ -204,8 +185,8 @@ impl Arguments {
                 let options = StateDictOptions {
                     layers: self.layers.as_deref(),
                     ignored: &self.ignore,
-                    hidden_is_relu: self.hidden_activation.is_some(),
-                    output_is_tanh: self.output_activation.is_some(),
+                    hidden: self.hidden_activation,
+                    output: self.output_activation,
                 };
                 safetensors::import(bytes, &options)
             }

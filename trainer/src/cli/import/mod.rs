@@ -15,6 +15,7 @@ use crate::run::paths::title;
 use crate::threads::redraw;
 use anyhow::{Context, anyhow};
 use indicatif::{ProgressBar, ProgressStyle};
+use leg_control::actor::{Activations, OutputActivation};
 use leg_control::policy::{GainPoint, Policy};
 use leg_process::policy_file::AlignedBytes;
 use std::fs::File;
@@ -26,11 +27,10 @@ pub(super) use arguments::Arguments;
 
 /// Longest name of a policy, bytes, so that a printed name stays on one line.
 const MOST_NAME_BYTES: usize = 64;
-/// Largest file that is read, bytes. An actor has at most 135 kB, twice that in double
+/// Largest file that is read, bytes. An actor has at most 1 MiB of weights, twice that in double
 /// precision, and may come with its critics and optimisers.
 const MOST_BYTES: u64 = 64 << 20;
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    arguments.check_activations()?;
     let path = arguments.path();
     let name = |stem: &str| check_name(arguments.name.as_deref().unwrap_or(stem));
     let stem = title(path);
@@ -97,7 +97,7 @@ fn hinted(error: ImportError) -> anyhow::Error {
              options, such as --observation-offset"
         ),
         ImportError::Gaussian { .. } => {
-            anyhow!("{error}; if that of this one does, too, state --output-activation tanh")
+            anyhow!("{error}; state --output-activation tanh or linear")
         }
         ImportError::OtherOutput { other, .. } => anyhow!("{error}: --output {other}"),
         ImportError::Outputs { .. } => anyhow!("{error}; choose one with --output"),
@@ -169,17 +169,20 @@ fn report(
 /// Returns the actor's scalings and bounds in words.
 fn formula(actor: &PackedActor) -> String {
     let (o, a) = (&actor.observation, &actor.action);
+    let Activations { hidden, output } = actor.activations;
+    let is_tanh = output == OutputActivation::Tanh;
     let list = |x: [f32; 3]| x.map(|x| x.to_string()).join(", ");
-    let output = |i: usize, name: &str, unit: &str| {
+    let action = |i: usize, name: &str, unit: &str| {
         let (offset, scale, low, high) = (a.offset[i], a.scale[i], a.low[i], a.high[i]);
-        format!("{name} = {offset} + {scale} tanh, from {low} to {high} {unit}")
+        let z = if is_tanh { "tanh" } else { "z" };
+        format!("{name} = {offset} + {scale} {z}, from {low} to {high} {unit}")
     };
     format!(
-        "Actor: (vx, y, rho) less ({}), times ({}); {}; {}",
+        "Actor: (vx, y, rho) less ({}), times ({}); {hidden}; {}; {}",
         list(o.offset),
         list(o.scale),
-        output(0, "alpha", "rad"),
-        output(1, "rs", "m/s")
+        action(0, "alpha", "rad"),
+        action(1, "rs", "m/s")
     )
 }
 

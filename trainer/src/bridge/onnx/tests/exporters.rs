@@ -6,6 +6,7 @@ use crate::bridge::onnx::proto::{
     Attribute, BOOL, Entry, Graph, INT64, Model, Node, OperatorSet, Tensor,
 };
 use crate::bridge::onnx::{OnnxOptions, import};
+use leg_control::actor::Activation;
 use prost::Message;
 
 /// Reads a graph after a change of it.
@@ -151,6 +152,7 @@ fn a_reshape_that_keeps_the_rows_does_nothing() {
     for (shape, allowzero) in [
         (&[2, -1][..], 0),
         (&[-1, 3], 0),
+        (&[1, 1], 0),
         (&[-1], 0),
         (&[-1, 1, 2], 0),
         (&[0, 2], 1),
@@ -214,9 +216,11 @@ fn takes_the_fused_layers_of_onnx_runtime() {
     let found = fused("Relu", "Tanh").unwrap();
     let tanh = tanh_of_network(X);
     assert!((act(found, X)[1] - (tanh[1] + 1.0)).abs() < 1e-6);
-    let error = fused("LeakyRelu", "Tanh").unwrap_err();
-    assert!(error.contains("activation \"LeakyRelu\", expected Relu or Tanh"), "{error}");
-    assert!(fused("Relu", "Relu").unwrap_err().contains("no Tanh at the end"));
+    let leaky = fused("LeakyRelu", "Tanh").unwrap();
+    assert_eq!(leaky.activations.hidden, Activation::LeakyRelu(0.01));
+    let error = fused("Softplus", "Tanh").unwrap_err();
+    assert!(error.contains("activation \"Softplus\", expected one of Elu, LeakyRelu"), "{error}");
+    assert!(fused("Relu", "Relu").unwrap_err().contains("another function of the last sums"));
     let other = changed(&["Gemm obs w1t b1 > act"], |m| giver(m, "act").domain = "my.own".into());
     assert!(other.unwrap_err().contains("of \"my.own\", not an operation"));
 }

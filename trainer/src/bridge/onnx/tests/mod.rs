@@ -1,5 +1,6 @@
 //! Graphs as other programs write them.
 
+mod activations;
 mod exporters;
 mod outputs;
 
@@ -177,27 +178,26 @@ fn takes_scalings_and_clips_from_the_graph() {
 #[test]
 fn names_the_operation_that_an_actor_cannot_have() {
     let refused = |nodes: &[&str]| read(nodes).unwrap_err();
-    let elu =
-        ["Gemm:transB=1 obs w1 b1 > a", "Elu a > b", "Gemm:transB=1 b w2 b2 > c", "Tanh c > act"];
+    let sine =
+        ["Gemm:transB=1 obs w1 b1 > a", "Sin a > b", "Gemm:transB=1 b w2 b2 > c", "Tanh c > act"];
     assert!(
-        refused(&elu).starts_with(
-            "output \"act\": node Elu \"n_b\": not an operation that an actor may have; these are Add"
+        refused(&sine).starts_with(
+            "output \"act\": node Sin \"n_b\": not an operation that an actor may have; these are Add"
         ),
         "{}",
-        refused(&elu)
+        refused(&sine)
     );
-    let tanh = ["Gemm:transB=1 obs w1 b1 > a", "Tanh a > b", "Gemm:transB=1 b w2 b2 > act"];
-    assert!(refused(&tanh).contains("node Gemm \"n_act\": a layer after Tanh; hidden"));
     let straight = ["Gemm:transB=1 obs w1 b1 > a", "Gemm:transB=1 a w2 b2 > c", "Tanh c > act"];
-    assert!(refused(&straight).contains("two layers without a ReLU between them"));
+    assert!(refused(&straight).contains("two layers without an activation between them"));
     let wrong = ["Gemm obs w1 > a", "Tanh a > act"];
     assert!(refused(&wrong).contains("a layer of 2 inputs where 3 arrive"));
-    let no_tanh = ["Gemm:transB=1 obs w1 b1 > act"];
-    assert!(refused(&no_tanh).contains("a layer before its ReLU, with no Tanh at the end"));
-    let two = ["Gemm:transB=1 obs w1 b1 > a", "Add a a > act"];
-    assert!(refused(&two).contains("of two computed values, expected a constant"));
+    let exp = ["Gemm:transB=1 obs w1 b1 > a", "Exp a > act"];
+    assert!(refused(&exp).contains("it is another function of the last sums than tanh"));
+    let two =
+        ["Gemm:transB=1 obs w1 b1 > a", "Relu a > b", "Gemm:transB=1 b w2 b2 > c", "Add b c > act"];
+    assert!(refused(&two).contains("Add of two different layers is not what an actor does"));
     assert!(refused(&["Relu nothing > act"]).contains("its input \"nothing\" is given by no node"));
-    assert!(refused(&["Relu w1 > act"]).contains("its first input is a constant"));
+    assert!(refused(&["Relu w1 > act"]).contains("it does not depend on the observation"));
     assert!(refused(&["Relu obs > other"]).contains("output \"act\": no node gives it"));
     assert!(refused(&["Mul obs b1 > act"]).contains("a constant of shape [2] beside rows of 3"));
     assert!(refused(&["Gemm:transA=1 obs w1 b1 > act"]).contains("transA"));
@@ -221,13 +221,14 @@ fn refuses_damaged_tensors() {
         let error = of_weights(weights, &[]).unwrap_err();
         assert!(error.contains("node Gemm") && error.contains(expected), "{error}");
     };
-    refused(&|t| t.dims = vec![i64::MAX, 3], "at most 16384 values");
-    refused(&|t| t.dims = vec![1 << 32, 1 << 32], "at most 16384 values");
-    refused(&|t| t.dims = vec![-2, -3], "at most 16384 values");
+    refused(&|t| t.dims = vec![i64::MAX, 3], "at most 262144 values");
+    refused(&|t| t.dims = vec![1 << 32, 1 << 32], "at most 262144 values");
+    refused(&|t| t.dims = vec![-2, -3], "at most 262144 values");
     refused(&|t| t.dims = vec![0, 3], "6 values where its shape [0, 3] has 0");
     refused(&|t| t.dims = vec![6], "expected a matrix");
     refused(&|t| t.float_data[4] = f32::NAN, "value 4 is NaN");
-    refused(&|t| t.data_type = 10, "data type 10, readable are");
+    refused(&|t| t.float_data[4] = f32::INFINITY, "value 4 is inf");
+    refused(&|t| t.data_type = 3, "data type 3, readable are");
     refused(&|t| t.raw_data = Some(vec![0; 23]), "23 bytes where its shape [2, 3] has 24");
     refused(&|t| t.data_location = EXTERNAL, "without a location");
 }

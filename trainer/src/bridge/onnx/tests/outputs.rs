@@ -65,7 +65,10 @@ fn refuses_a_value_that_is_given_twice() {
 #[test]
 fn asks_where_the_first_output_is_no_action() {
     let error = read(&["spread", "act"], None).unwrap_err();
-    assert!(error.starts_with("output \"spread\": node Exp"), "{error}");
+    assert!(
+        error.starts_with("output \"spread\": it is another function of the last sums"),
+        "{error}"
+    );
     assert!(error.ends_with("; \"act\" could be read, if it is the action"), "{error}");
     assert!(read(&["spread", "act"], Some("act")).is_ok());
     let error = read(&["act", "wide"], None).unwrap_err();
@@ -73,9 +76,12 @@ fn asks_where_the_first_output_is_no_action() {
     assert_eq!(read(&["act", "wide"], Some("wide")).unwrap().action.unwrap()[0], [2.0; 2]);
     let error = read(&["act", "wide"], Some("action")).unwrap_err();
     assert_eq!(error, "output: \"action\", expected one of act, wide");
-    let error = read(&["spread", "c"], None).unwrap_err();
-    assert!(error.contains("; output \"c\": it is a layer before its ReLU"), "{error}");
+    let error = read(&["spread", "b"], None).unwrap_err();
+    assert!(error.contains("; output \"b\": it is another function of the last"), "{error}");
+    // Sums that are another output than the first may be the action of another kind of actor.
+    let error = read(&["c", "act"], None).unwrap_err();
+    assert_eq!(error, "2 outputs are actions, expected one: \"c\", \"act\"");
     let error = read(&["spread", "act"], Some("spread")).unwrap_err();
-    assert!(error.contains("not an operation") && !error.contains("could be read"), "{error}");
+    assert!(error.contains("another function") && !error.contains("could be read"), "{error}");
     assert_eq!(read(&[], None).unwrap_err(), "it has no output");
 }
