@@ -5,6 +5,7 @@ use super::eval::{MOST_STARTS, SEED};
 use super::output::print;
 use super::{Failure, failed, input};
 use crate::config::{Config, Length};
+use crate::run::tensorboard::EventWriter;
 use crate::study::folder::{Folder, SeedReport};
 use crate::study::plan::{Plan, Seeds};
 use crate::study::run::{Jobs, SeedEvent};
@@ -17,7 +18,7 @@ use clap::{Args, Subcommand};
 use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 use leg_process::{Stop, remedy, stderr};
 use std::num::NonZeroUsize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant};
 
@@ -69,6 +70,9 @@ struct Study {
     /// Slurm job array, auto/N from an indexed job of Kubernetes with N completions
     #[arg(long, value_name = "I/N|auto|auto/N")]
     shard: Option<Request>,
+    /// Folder for TensorBoard event files, one folder a seed
+    #[arg(long, value_name = "DIR")]
+    tensorboard: Option<PathBuf>,
     /// Length of the last stage in environment steps, instead of the configuration's
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     steps: Option<u64>,
@@ -105,6 +109,10 @@ impl Study {
         let stop = Stop::on_signals().context("signals").map_err(failed)?;
         let shard = self.shard()?;
         let plan = Plan::new(self.config(choice)?, self.seeds, self.eval_starts, SEED);
+        let board = self.tensorboard.as_deref();
+        if let Some(folder) = board {
+            EventWriter::check(folder).map_err(|error| refused_out(error.into()))?;
+        }
         let folder = Folder::begin(&self.out, plan).map_err(refused_out)?;
         let mut missing = Vec::new();
         for seed in shard.of(self.seeds) {
@@ -121,7 +129,7 @@ impl Study {
         }
         if !missing.is_empty() {
             let jobs = NonZeroUsize::new(usize::from(self.jobs)).unwrap_or(NonZeroUsize::MIN);
-            train(&folder, missing, jobs, &stop)?;
+            train(&folder, missing, jobs, board, &stop)?;
         }
         let (reports, missing) = folder.reports().map_err(refused)?;
         if missing.is_empty() {
@@ -141,7 +149,7 @@ impl Study {
 /// Returns the failure of an error, which determines the exit status.
 fn refused(error: StudyError) -> Failure {
     match error {
-        StudyError::File { .. } | StudyError::Busy { .. } => failed(error),
+        StudyError::File { .. } | StudyError::Busy { .. } | StudyError::Events(_) => failed(error),
         _ => input(error),
     }
 }
@@ -151,16 +159,25 @@ fn refused(error: StudyError) -> Failure {
 fn refused_out(error: StudyError) -> Failure {
     match error {
         StudyError::File { error: ref cause, .. } if remedy::is_wrong_path(cause) => input(error),
+        StudyError::Events(ref cause) if cause.is_wrong_path() => {
+            input(anyhow!("{error}; name another folder with --tensorboard"))
+        }
         _ => refused(error),
     }
 }
 
 /// Trains and evaluates seeds, and saves their results.
-fn train(folder: &Folder, seeds: Vec<u64>, jobs: NonZeroUsize, stop: &Stop) -> Result<(), Failure> {
+fn train(
+    folder: &Folder,
+    seeds: Vec<u64>,
+    jobs: NonZeroUsize,
+    board: Option<&Path>,
+    stop: &Stop,
+) -> Result<(), Failure> {
     let (all, began) = (seeds.len(), Instant::now());
     let bar = progress_bar(all);
     let cannot = |e| failed(anyhow!("no job can be started: {e}; {}", remedy::OF_THREAD));
-    let work = Jobs::start(folder, seeds, jobs).map_err(cannot)?;
+    let work = Jobs::start(folder, seeds, jobs, board).map_err(cannot)?;
     let wanted = jobs.get().min(all);
     if work.threads < wanted {
         let count = work.threads;

@@ -165,7 +165,11 @@ impl Run {
         let end = self.episodes(stop);
         self.progress.finish();
         if let Some(events) = &mut self.events {
-            events.flush()?;
+            match &end {
+                Ok(RunEnd::Done) => events.end(&self.training, true)?,
+                Err(error) if error.ends_the_training() => events.end(&self.training, false)?,
+                _ => events.flush()?,
+            }
         }
         if let Err(error) = end {
             if error.ends_the_training() {

@@ -1,30 +1,29 @@
 //! TensorBoard event files: `TFRecord` frames of protobuf events.
 //!
-//! The step of an event is the environment step over all stages. Each process writes one file,
-//! which begins with a session start at its first step. From that step on TensorBoard drops the
-//! events of earlier files in the same folder, so a training that was killed and resumed shows
-//! no step twice. Therefore each training has a folder of its own, named after its policy, and
-//! TensorBoard shows it as a run of that name. The names of the files state which training
-//! they belong to.
-//!
-//! A frame is the length (u64), its masked CRC-32C, the event, and its masked CRC-32C,
-//! little-endian. The fields are those of `tensorflow/core/util/event.proto` and
-//! `framework/summary.proto` that are used here.
+//! The step of an event is the environment step over all stages. Each process writes one file.
+//! Where it resumes a training that was killed, it first cuts off the events of earlier files
+//! that are later than its checkpoint: no reader finds a step twice. (A TensorBoard that has read
+//! them drops them at the session start with which each file begins.) Therefore each training has
+//! a folder of its own, named after its policy, and TensorBoard shows it as a run of that name.
+//! The names of the files state which training they belong to.
+
+mod event;
+mod hparams;
 
 use super::error::{Purpose, RunError};
 use super::recent::RecentEpisodes;
 use crate::evaluate::DENSITIES;
 use crate::evaluate::selection::Evaluation;
 use crate::train::{EpisodeRecord, Training};
-use crc::{CRC_32_ISCSI, CRC_64_XZ, Crc, Table};
-use prost::Message;
+use crc::{CRC_64_XZ, Crc};
 use std::ffi::{OsStr, OsString};
-use std::fs::{File, create_dir, create_dir_all, read_dir};
+use std::fs::{File, create_dir, create_dir_all, read, read_dir, remove_file};
 use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-static CRC: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISCSI);
+pub use event::{Event, SessionLog, Summary, Value, first_frame, masked};
+
 /// Beginning of the names of event files; TensorBoard looks for `tfevents`.
 const FILE_NAME: &str = "events.out.tfevents.";
 const FILE_VERSION: &str = "brain.Event:2";
@@ -32,86 +31,6 @@ const FILE_VERSION: &str = "brain.Event:2";
 const SPEED_EVERY: Duration = Duration::from_secs(1);
 /// Time between two flushes of the file.
 const FLUSH_EVERY: Duration = Duration::from_secs(5);
-
-/// An event.
-#[derive(Clone, PartialEq, Message)]
-pub struct Event {
-    /// Seconds since 1970.
-    #[prost(double, tag = "1")]
-    pub wall_time: f64,
-    /// Environment step.
-    #[prost(int64, tag = "2")]
-    pub step: i64,
-    /// Version of the file format, in the first event of a file.
-    #[prost(string, optional, tag = "3")]
-    pub file_version: Option<String>,
-    /// Scalars and texts of this step.
-    #[prost(message, optional, tag = "5")]
-    pub summary: Option<Summary>,
-    /// State of the session.
-    #[prost(message, optional, tag = "7")]
-    pub session_log: Option<SessionLog>,
-}
-
-/// The scalars and texts of one step.
-#[derive(Clone, PartialEq, Message)]
-pub struct Summary {
-    /// Values, each with its tag.
-    #[prost(message, repeated, tag = "1")]
-    pub value: Vec<Value>,
-}
-
-/// A scalar or a text.
-#[derive(Clone, PartialEq, Message)]
-pub struct Value {
-    /// Name of the value.
-    #[prost(string, tag = "1")]
-    pub tag: String,
-    /// The scalar.
-    #[prost(float, optional, tag = "2")]
-    pub simple_value: Option<f32>,
-    /// The text.
-    #[prost(message, optional, tag = "8")]
-    pub tensor: Option<Tensor>,
-    /// Description of the tensor.
-    #[prost(message, optional, tag = "9")]
-    pub metadata: Option<Metadata>,
-}
-
-/// A tensor of one string.
-#[derive(Clone, PartialEq, Message)]
-pub struct Tensor {
-    /// Type of the elements: 7 for strings.
-    #[prost(int32, tag = "1")]
-    pub dtype: i32,
-    /// The string.
-    #[prost(bytes = "vec", repeated, tag = "8")]
-    pub string_val: Vec<Vec<u8>>,
-}
-
-/// The description of a tensor.
-#[derive(Clone, PartialEq, Message)]
-pub struct Metadata {
-    /// The plugin that displays the tensor.
-    #[prost(message, optional, tag = "1")]
-    pub plugin_data: Option<Plugin>,
-}
-
-/// The plugin that displays a tensor.
-#[derive(Clone, PartialEq, Message)]
-pub struct Plugin {
-    /// Name of the plugin, such as `text`.
-    #[prost(string, tag = "1")]
-    pub plugin_name: String,
-}
-
-/// The state of a session.
-#[derive(Clone, Copy, PartialEq, Eq, Message)]
-pub struct SessionLog {
-    /// State: 1 for a start.
-    #[prost(int32, tag = "1")]
-    pub status: i32,
-}
 
 /// Writes the events of a training to a file.
 pub struct EventWriter {
@@ -150,10 +69,13 @@ impl EventWriter {
         );
         let make = || {
             create_dir_all(folder)?;
-            let path = own_folder(folder, title, &identity)?.join(name);
-            File::create_new(&path).map(|file| (file, path))
+            let own = own_folder(folder, title, &identity)?;
+            let is_continued = keep_until(&own, training.total_steps())?;
+            let path = own.join(name);
+            File::create_new(&path).map(|file| (file, path, is_continued))
         };
-        let (file, path) = make().map_err(RunError::unwritten(folder, Purpose::Events))?;
+        let (file, path, is_continued) =
+            make().map_err(RunError::unwritten(folder, Purpose::Events))?;
         let mut board = Self {
             file: BufWriter::new(file),
             flushed: Instant::now(),
@@ -168,13 +90,15 @@ impl EventWriter {
         let first = if steps == 0 { 0 } else { steps.cast_signed() + 1 };
         let start = Some(SessionLog { status: 1 });
         board.write(Event { step: first, session_log: start, ..Event::default() })?;
-        if steps == 0 {
+        if !is_continued {
             let config = format!(
                 "seed {}\n\n```toml\n{}```\n",
                 training.seed(),
                 training.config().to_commented_toml()
             );
-            board.values(0, vec![text("hyperparameters", &config)])?;
+            let text = Value::text("hyperparameters", &config);
+            let start = hparams::session_start(training, since_1970().as_secs_f64());
+            board.values(first.cast_unsigned(), vec![text, start])?;
         }
         board.flush()?;
         Ok(board)
@@ -191,13 +115,13 @@ impl EventWriter {
         recent: &RecentEpisodes,
     ) -> Result<(), RunError> {
         let mut values = vec![
-            scalar("episode/reward", record.reward),
-            scalar("episode/steps", f64::from(record.steps)),
-            scalar("episode/q0", f64::from(record.q0)),
-            scalar("episode/full_share", recent.full()),
+            Value::scalar("episode/reward", record.reward),
+            Value::scalar("episode/steps", f64::from(record.steps)),
+            Value::scalar("episode/q0", f64::from(record.q0)),
+            Value::scalar("episode/full_share", recent.full()),
         ];
         if let Some(update) = training.latest_update() {
-            let norm = |name, x: f32| scalar(name, f64::from(x));
+            let norm = |name, x: f32| Value::scalar(name, f64::from(x));
             values.push(norm("update/critic_gradient_norm", update.critic_gradient_norm));
             values.push(norm("update/actor_gradient_norm", update.actor_gradient_norm));
         }
@@ -205,7 +129,7 @@ impl EventWriter {
         if since.elapsed() >= SPEED_EVERY {
             let updates = training.total_updates();
             let speed = (updates - before) as f64 / since.elapsed().as_secs_f64();
-            values.push(scalar("updates_per_s", speed));
+            values.push(Value::scalar("updates_per_s", speed));
             self.speed = (Instant::now(), updates);
         }
         if let Some(evaluation) = training.selector().and_then(|s| s.latest())
@@ -216,6 +140,17 @@ impl EventWriter {
         }
         self.values(record.total_steps, values)?;
         if self.flushed.elapsed() >= FLUSH_EVERY { self.flush() } else { Ok(()) }
+    }
+
+    /// Writes the end of a complete or failed training, and flushes the file.
+    ///
+    /// # Errors
+    /// [`RunError`] when the file cannot be written.
+    pub fn end(&mut self, training: &Training, is_good: bool) -> Result<(), RunError> {
+        let end = hparams::session_end(is_good, since_1970().as_secs_f64());
+        // Later than the last checkpoint: whoever resumes from that cuts it off.
+        self.values(training.total_steps() + 1, vec![end])?;
+        self.flush()
     }
 
     /// Flushes the file.
@@ -234,7 +169,7 @@ impl EventWriter {
 
     fn write(&mut self, event: Event) -> Result<(), RunError> {
         let event = Event { wall_time: since_1970().as_secs_f64(), ..event };
-        frame(&mut self.file, &event.encode_to_vec())
+        event::frame(&mut self.file, &prost::Message::encode_to_vec(&event))
             .map_err(RunError::unwritten(&self.path, Purpose::Events))
     }
 }
@@ -276,44 +211,40 @@ fn holds_events_of(folder: &Path, identity: &str) -> bool {
     any && all
 }
 
-/// Writes one record of a `TFRecord` file.
-fn frame(to: &mut impl Write, record: &[u8]) -> io::Result<()> {
-    let length = (record.len() as u64).to_le_bytes();
-    to.write_all(&length)?;
-    to.write_all(&masked(&length).to_le_bytes())?;
-    to.write_all(record)?;
-    to.write_all(&masked(record).to_le_bytes())
-}
-
-/// Returns the CRC-32C, masked so that the checksum of a record that contains records differs
-/// from theirs.
-#[must_use]
-pub fn masked(bytes: &[u8]) -> u32 {
-    CRC.checksum(bytes).rotate_right(15).wrapping_add(0xa282_ead8)
+/// Cuts the event files of a folder off before the first event later than `steps`, of a training
+/// that begins anew before their first, and where a killed process has left half an event. Removes
+/// those of which nothing is left. Returns whether any event is left.
+fn keep_until(folder: &Path, steps: u64) -> io::Result<bool> {
+    let mut is_any_left = false;
+    for entry in read_dir(folder)? {
+        let path = entry?.path();
+        let bytes = read(&path)?;
+        let (mut kept, mut events) = (0, 0);
+        while let Some((event, len)) = first_frame(&bytes[kept..]) {
+            if steps == 0 || event.step > steps.cast_signed() {
+                break;
+            }
+            events += usize::from(event.summary.is_some());
+            kept += len;
+        }
+        if events == 0 {
+            remove_file(&path)?;
+        } else if kept < bytes.len() {
+            File::options().write(true).open(&path)?.set_len(kept as u64)?;
+        }
+        is_any_left |= events > 0;
+    }
+    Ok(is_any_left)
 }
 
 fn since_1970() -> Duration {
     SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default()
 }
 
-fn scalar(tag: &str, value: f64) -> Value {
-    Value { tag: tag.into(), simple_value: Some(value as f32), ..Value::default() }
-}
-
-fn text(tag: &str, text: &str) -> Value {
-    let plugin_data = Some(Plugin { plugin_name: "text".into() });
-    Value {
-        tag: format!("{tag}/text_summary"),
-        tensor: Some(Tensor { dtype: 7, string_val: vec![text.as_bytes().to_vec()] }),
-        metadata: Some(Metadata { plugin_data }),
-        ..Value::default()
-    }
-}
-
 fn evaluation_values(evaluation: &Evaluation) -> Vec<Value> {
-    let mut values = vec![scalar("evaluation/cost", evaluation.score.cost)];
+    let mut values = vec![Value::scalar("evaluation/cost", evaluation.score.cost)];
     for (rho, result) in DENSITIES.iter().zip(&evaluation.results) {
-        values.push(scalar(&format!("evaluation/survive30/{rho}"), result.survive30));
+        values.push(Value::scalar(&format!("evaluation/survive30/{rho}"), result.survive30));
     }
     values
 }

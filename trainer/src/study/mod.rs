@@ -26,6 +26,7 @@ pub mod shard;
 pub mod summary;
 pub mod table;
 
+use crate::run::error::RunError;
 use leg_process::remedy;
 use std::path::{Path, PathBuf};
 
@@ -45,6 +46,9 @@ pub enum StudyError {
         /// Error of the system.
         error: std::io::Error,
     },
+    /// TensorBoard events cannot be written.
+    #[error(transparent)]
+    Events(#[from] RunError),
     /// A file has unexpected content.
     #[error("{}: {why}; remove it if it is damaged", path.display())]
     Content {

@@ -4,14 +4,18 @@ use super::StudyError;
 use super::folder::{Claim, EvaluatedPolicy, Folder, SeedRun};
 use super::plan::Plan;
 use crate::evaluate::report::Report;
+use crate::run::recent::RecentEpisodes;
+use crate::run::tensorboard::EventWriter;
 use crate::simd::Isa;
 use crate::train::Training;
 use crate::trained::TrainedPolicy;
 use leg_control::policy::Policy;
 use rayon::ThreadPoolBuilder;
 use std::collections::VecDeque;
+use std::ffi::OsString;
 use std::io;
 use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -45,6 +49,8 @@ pub struct Jobs {
 #[derive(Debug)]
 struct Shared {
     folder: Folder,
+    /// Folder for TensorBoard events.
+    board: Option<PathBuf>,
     /// Seeds that are not taken yet.
     left: Mutex<VecDeque<u64>>,
     stopped: AtomicBool,
@@ -58,15 +64,22 @@ const WHOLE: f64 = 1e6;
 const WAIT: Duration = Duration::from_millis(200);
 
 impl Jobs {
-    /// Starts up to `jobs` threads, each of which runs one seed at a time.
+    /// Starts up to `jobs` threads, each of which runs one seed at a time, with TensorBoard events
+    /// in a folder of its own below `board`, if that is given.
     ///
     /// # Errors
     /// Returns the system's error when not even one can be started.
-    pub fn start(folder: &Folder, seeds: Vec<u64>, jobs: NonZeroUsize) -> io::Result<Self> {
+    pub fn start(
+        folder: &Folder,
+        seeds: Vec<u64>,
+        jobs: NonZeroUsize,
+        board: Option<&Path>,
+    ) -> io::Result<Self> {
         let jobs = jobs.get().min(seeds.len());
         let (sender, events) = channel();
         let shared = Arc::new(Shared {
             folder: folder.clone(),
+            board: board.map(Path::to_owned),
             left: Mutex::new(seeds.into()),
             stopped: AtomicBool::new(false),
             under_way: (0..jobs).map(|_| AtomicU64::new(0)).collect(),
@@ -153,7 +166,7 @@ impl Shared {
             report(share);
             !self.is_stopped()
         };
-        let run = one(self.folder.plan(), seed, go_on);
+        let run = one(self.folder.plan(), seed, self.board.as_deref(), go_on)?;
         report(0.0);
         Ok(run.map(|run| SeedEvent::Trained(Box::new(run), claim)))
     }
@@ -165,22 +178,41 @@ impl Shared {
 
 /// Runs one seed from its first step to its evaluation. Calls `go_on` after every episode, with
 /// the completed share of the training; returns `None` when that returns false.
-fn one(plan: &Plan, seed: u64, go_on: impl Fn(f64) -> bool) -> Option<SeedRun> {
+fn one(
+    plan: &Plan,
+    seed: u64,
+    board: Option<&Path>,
+    go_on: impl Fn(f64) -> bool,
+) -> Result<Option<SeedRun>, StudyError> {
     let mut training = Training::new(plan.config.clone(), seed, Isa::best());
+    let title = OsString::from(format!("seed-{seed}"));
+    let begin = |folder| EventWriter::begin(folder, &title, &training);
+    let mut events = board.map(begin).transpose()?;
+    let mut recent = RecentEpisodes::default();
     let mut log = csv::Writer::from_writer(Vec::new());
     let learnt = loop {
         match training.episode() {
-            Ok(Some(record)) => log.serialize(record).expect("a row in memory"),
+            Ok(Some(record)) => {
+                log.serialize(record).expect("a row in memory");
+                if let Some(events) = &mut events {
+                    let is_full = record.steps >= training.config().episode.max_steps;
+                    recent.push(&record, is_full, training.share_of_stage());
+                    events.record(&record, &training, &recent)?;
+                }
+            }
             Ok(None) => break Ok(()),
             Err(diverged) => break Err(diverged.to_string()),
         }
         if !go_on(training.share_done()) {
-            return None;
+            return Ok(None);
         }
     };
+    if let Some(events) = &mut events {
+        events.end(&training, learnt.is_ok())?;
+    }
     let learning_csv = log.into_inner().expect("rows in memory");
     let outcome = learnt.and_then(|()| finish(plan, &training));
-    Some(SeedRun { seed, learning_csv, outcome })
+    Ok(Some(SeedRun { seed, learning_csv, outcome }))
 }
 
 /// Evaluates a completed training. The controller may refuse the policy of a collapsed
