@@ -1,7 +1,7 @@
 //! The option `--record`: a recording beside a run, or none.
 
 use leg_process::{check_apart, stderr};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use leg_control::estimator::Estimate;
 use leg_control::policy::Policy;
@@ -12,9 +12,24 @@ use leg_host::realtime::{RxStatus, TickObserver};
 use super::misuse;
 use crate::record::config;
 use crate::record::schema::{End, Policy as PolicyMessage};
-use crate::record::{ChangePoller, OnFull, RecordError, RecordTap, Recorder};
+use crate::record::{ChangePoller, OnFull, RecordError, RecordOptions, RecordTap, Recorder};
 use crate::scenario::{Scenario, Settings};
 use crate::session::{Hooks, Options, Outcome, TickRecord};
+
+/// The options of a recording.
+#[derive(Debug, clap::Args)]
+pub(super) struct RecordArgs {
+    /// Record every tick to an MCAP file, for `replay`, `plot` and other programs.
+    #[arg(long, value_name = "FILE")]
+    pub(super) record: Option<PathBuf>,
+    /// Pictures of the leg per second in the recording, for viewers such as Foxglove and Rerun; 0
+    /// leaves out all that is for viewers.
+    #[arg(long, value_name = "HZ", requires = "record", default_value_t = DISPLAY_RATE_HZ)]
+    display_rate: u32,
+}
+
+/// Pictures per second unless given: twice those of a film.
+const DISPLAY_RATE_HZ: u32 = 50;
 
 /// A recording in progress, if one was requested.
 #[derive(Debug, Default)]
@@ -28,15 +43,15 @@ struct Active {
 }
 
 impl Recording {
-    /// Starts a recording if there is a path, which must be none of the `other` files of the run.
+    /// Starts a recording if there is a file for it, which must be none of the `other` files of the run.
     pub(super) fn begin<'a>(
-        path: Option<&Path>,
+        args: &RecordArgs,
         other: impl IntoIterator<Item = &'a Path>,
         settings: &Settings,
         scenario: &Scenario,
         time_mode: TimeMode,
     ) -> anyhow::Result<Self> {
-        let Some(path) = path else { return Ok(Self(None)) };
+        let Some(path) = args.record.as_deref() else { return Ok(Self(None)) };
         check_apart(path, other).map_err(|error| {
             misuse(format!("cannot write the recording {}: {error}", path.display()))
         })?;
@@ -46,7 +61,8 @@ impl Recording {
             TimeMode::LockStep => OnFull::Wait,
             TimeMode::RealTime => OnFull::Drop,
         };
-        let (recorder, tap) = Recorder::begin(path, &config, on_full).map_err(misuse)?;
+        let options = RecordOptions { on_full, display_rate_hz: args.display_rate };
+        let (recorder, tap) = Recorder::begin(path, &config, options).map_err(misuse)?;
         Ok(Self(Some(Active { tap, changes: None, recorder })))
     }
 

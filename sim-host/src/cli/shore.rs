@@ -13,7 +13,7 @@ use leg_host::TimeMode;
 use leg_process::stdout;
 use leg_process::{Stop, rounded, stderr};
 
-use super::recording::Recording;
+use super::recording::{RecordArgs, Recording};
 use super::{checked_policy, misuse, unwritable};
 use crate::scenario::{Scenario, Settings};
 use crate::sensors::SensorProfile;
@@ -46,9 +46,8 @@ pub(super) struct Args {
     /// Directory for the picture, shore.svg [default: out].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Record every tick to an MCAP file, for `replay`, `plot` and other programs.
-    #[arg(long, value_name = "FILE")]
-    record: Option<PathBuf>,
+    #[command(flatten)]
+    recording: RecordArgs,
     /// Print the result as one JSON object.
     #[arg(long)]
     json: bool,
@@ -70,9 +69,9 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     let settings = Settings { sensors: Some(args.sensors), ..Settings::shore() };
     let scenario = Scenario::from_settings(&settings).map_err(misuse)?;
     let estimator = scenario.estimator.unwrap_or_default();
-    let record = args.record.as_deref();
     let other = args.policy.iter().chain([&path]).map(PathBuf::as_path);
-    let mut recording = Recording::begin(record, other, &settings, &scenario, TimeMode::LockStep)?;
+    let mut recording =
+        Recording::begin(&args.recording, other, &settings, &scenario, TimeMode::LockStep)?;
     recording.law(estimator, scenario.stale_limit_ns, true);
     let mut progress = (!args.json).then(|| Progress::begin(&name, args, &scenario)).transpose()?;
     let mut recorder = TrackRecorder::default();

@@ -108,11 +108,8 @@ impl Feeder {
                 std::thread::sleep(POLL_INTERVAL);
             }
         }
-        self.translator.end(&mut frames);
-        if let Some(end) = end {
-            // After all others, also where messages are in order of time.
-            frames.add(frames.latest_ns(), &End { dropped: self.state.dropped(), ..end });
-        }
+        let end = end.map(|end| End { dropped: self.state.dropped(), ..end });
+        self.translator.end(end.as_ref(), &mut frames);
         self.writer.send(&mut frames);
         self.writer.close()
     }

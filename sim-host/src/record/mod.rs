@@ -17,6 +17,7 @@
 
 mod change_poller;
 pub mod config;
+mod display;
 mod feeder;
 mod file;
 mod pipe;
@@ -29,6 +30,6 @@ mod writer_process;
 pub use leg_recording::{contents, read, schema, versions};
 
 pub use change_poller::ChangePoller;
-pub use recorder::{RecordError, RecordSink, RecordSummary, Recorder};
+pub use recorder::{RecordError, RecordOptions, RecordSink, RecordSummary, Recorder};
 pub use tap::{OnFull, RecordTap};
 pub use writer_process::main as writer_process;

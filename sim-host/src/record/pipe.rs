@@ -2,7 +2,7 @@
 //!
 //! | bytes | content |
 //! |---|---|
-//! | 1 | number of the [`Channel`], or [`FLUSH`] |
+//! | 1 | number of the [`Channel`], above those that of the [`DisplayTopic`], or [`FLUSH`] |
 //! | 8 | log time, ns since 1970, little-endian |
 //! | 4 | number of the message in its channel, little-endian |
 //! | 4 | length of the message, little-endian |
@@ -12,13 +12,17 @@ use std::io::{self, ErrorKind, Read, Write};
 use std::os::fd::AsFd;
 use std::time::{Duration, Instant};
 
+use prost::Message;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
+use super::display::DisplayTopic;
 use super::schema::{Channel, Recorded};
 
 /// Channel number of a frame without a message; the writer then flushes its file.
 const FLUSH: u8 = 0xff;
 const HEADER_LEN: usize = 17;
+/// Number of topics.
+pub(super) const TOPICS: usize = Channel::ALL.len() + DisplayTopic::ALL.len();
 /// Longest message accepted: a policy has 1 MiB at most, a scenario far less.
 const MAX_MESSAGE_LEN: usize = 1 << 24;
 
@@ -26,15 +30,29 @@ const MAX_MESSAGE_LEN: usize = 1 << 24;
 #[derive(Debug, Default)]
 pub(super) struct FrameBuffer {
     bytes: Vec<u8>,
-    next_sequence: [u32; Channel::ALL.len()],
+    next_sequence: [u32; TOPICS],
     latest_ns: u64,
 }
 
 impl FrameBuffer {
     /// Appends a message.
     pub(super) fn add<M: Recorded>(&mut self, log_time_ns: u64, message: &M) {
-        let sequence = &mut self.next_sequence[M::CHANNEL as usize];
-        self.bytes.push(M::CHANNEL as u8);
+        self.push(M::CHANNEL as u8, log_time_ns, message);
+    }
+
+    /// Appends a message for viewers, of the type that the topic has.
+    pub(super) fn add_display(
+        &mut self,
+        topic: DisplayTopic,
+        log_time_ns: u64,
+        message: &impl Message,
+    ) {
+        self.push(Channel::ALL.len() as u8 + topic as u8, log_time_ns, message);
+    }
+
+    fn push(&mut self, number: u8, log_time_ns: u64, message: &impl Message) {
+        let sequence = &mut self.next_sequence[usize::from(number)];
+        self.bytes.push(number);
         self.bytes.extend(log_time_ns.to_le_bytes());
         self.bytes.extend(sequence.to_le_bytes());
         self.bytes.extend((message.encoded_len() as u32).to_le_bytes());
@@ -70,7 +88,7 @@ impl FrameBuffer {
 /// A received frame.
 #[derive(Debug)]
 pub(super) enum Frame<'a> {
-    Message { channel: Channel, log_time_ns: u64, sequence: u32, message: &'a [u8] },
+    Message { topic: usize, log_time_ns: u64, sequence: u32, message: &'a [u8] },
     Flush,
 }
 
@@ -95,16 +113,16 @@ pub(super) fn read<'a>(
     let (sequence, len) = rest.split_at(4);
     let integer = |bytes: &[u8]| bytes.iter().rev().fold(0, |n, byte| n << 8 | u64::from(*byte));
     let len = integer(len) as usize;
-    let channel = Channel::ALL.get(usize::from(number)).copied();
-    let (Some(channel), true) = (channel, len <= MAX_MESSAGE_LEN) else {
+    let topic = usize::from(number);
+    if topic >= TOPICS || len > MAX_MESSAGE_LEN {
         return Err(io::Error::new(ErrorKind::InvalidData, "the bytes are not a frame"));
-    };
+    }
     buffer.resize(len, 0);
     if !fill(pipe, buffer)? {
         return Ok(None);
     }
     Ok(Some(Frame::Message {
-        channel,
+        topic,
         log_time_ns: integer(time),
         sequence: integer(sequence) as u32,
         message: buffer,
@@ -189,8 +207,6 @@ pub(super) fn wait(file: &impl AsFd, flags: PollFlags, timeout: Duration) -> io:
 
 #[cfg(test)]
 mod tests {
-    use prost::Message;
-
     use super::super::schema::{Config, End};
     use super::*;
 
@@ -209,8 +225,8 @@ mod tests {
             while let Some(frame) = read(&mut pipe, &mut buffer).unwrap() {
                 all.push(match frame {
                     Frame::Flush => None,
-                    Frame::Message { channel, log_time_ns, sequence, message } => {
-                        Some((channel, log_time_ns, sequence, message.to_vec()))
+                    Frame::Message { topic, log_time_ns, sequence, message } => {
+                        Some((topic, log_time_ns, sequence, message.to_vec()))
                     }
                 });
             }
@@ -218,10 +234,12 @@ mod tests {
         };
         let all = read_all(frames.as_slice());
         assert_eq!(all.len(), 4);
-        assert_eq!(all[0], Some((Channel::End, 7, 0, end(1).encode_to_vec())));
-        assert!(matches!(all[1], Some((Channel::Config, u64::MAX, 0, _))));
+        assert_eq!(all[0], Some((Channel::End as usize, 7, 0, end(1).encode_to_vec())));
+        assert!(
+            matches!(all[1], Some((topic, u64::MAX, 0, _)) if topic == Channel::Config as usize)
+        );
         assert_eq!(all[2], None);
-        assert_eq!(all[3], Some((Channel::End, 9, 1, end(2).encode_to_vec())));
+        assert_eq!(all[3], Some((Channel::End as usize, 9, 1, end(2).encode_to_vec())));
         for cut in whole..frames.len() {
             assert_eq!(read_all(&frames.as_slice()[..cut]), all[..3]);
         }

@@ -50,6 +50,16 @@ pub enum RecordError {
     },
 }
 
+/// How a run is recorded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RecordOptions {
+    /// What the loop does when the ring is full.
+    pub on_full: OnFull,
+    /// Pictures for viewers per second of simulated time, at most one for each tick; 0 leaves
+    /// everything out that is for viewers only.
+    pub display_rate_hz: u32,
+}
+
 /// Counts of a finished recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RecordSummary {
@@ -106,13 +116,13 @@ impl Recorder {
     pub fn begin(
         path: &Path,
         config: &Config,
-        on_full: OnFull,
+        options: RecordOptions,
     ) -> Result<(Self, RecordTap), RecordError> {
         let program = leg_process::program::current().map_err(|error| RecordError::Begin {
             path: path.to_owned(),
             cause: error.to_string(),
         })?;
-        Self::begin_with(&program, path, config, on_full)
+        Self::begin_with(&program, path, config, options)
     }
 
     /// Like [`Recorder::begin`], with the path of the `sim-host` program.
@@ -123,7 +133,7 @@ impl Recorder {
         program: &Path,
         path: &Path,
         config: &Config,
-        on_full: OnFull,
+        options: RecordOptions,
     ) -> Result<(Self, RecordTap), RecordError> {
         let failed = |cause: String| RecordError::Begin { path: path.to_owned(), cause };
         let io_failed = |error: io::Error| failed(error.to_string());
@@ -157,12 +167,13 @@ impl Recorder {
             .and_then(|flags| rustix::fs::fcntl_setfl(&pipe, flags | rustix::fs::OFlags::NONBLOCK));
         nonblocking.map_err(|error| io_failed(error.into()))?;
 
-        let (tap, ring, state) = RecordTap::new(RING_CAPACITY, on_full);
+        let (tap, ring, state) = RecordTap::new(RING_CAPACITY, options.on_full);
         let (side, side_receiver) = mpsc::channel();
         let finish = Arc::new(AtomicBool::new(false));
         let mut writer_end = Writer::new(Pid::from_child(&writer), pipe, reports);
         let mut frames = FrameBuffer::default();
-        frames.add(config.started_unix_ns, config);
+        let translator = Translator::new(config, options.display_rate_hz);
+        translator.begin(config, &mut frames);
         writer_end.send(&mut frames);
         let feeder = Feeder {
             ring,
@@ -170,7 +181,7 @@ impl Recorder {
             state: Arc::clone(&state),
             finish: Arc::clone(&finish),
             writer: writer_end,
-            translator: Translator::new(config.started_unix_ns, config.rate_hz),
+            translator,
         };
         let feeder = std::thread::Builder::new()
             .name("record".to_owned())

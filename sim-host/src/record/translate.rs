@@ -1,8 +1,10 @@
 //! Converts ticks and events to the messages of a recording.
 
+use super::display::{Display, log};
 use super::pipe::FrameBuffer;
 use super::schema::{
-    Apex, Command, Estimate, Event, EventKind, Law, Loop, Phase, Policy, Sample, SetPoint, State,
+    Apex, Command, Config, End, Estimate, Event, EventKind, Law, Loop, Phase, Policy, Sample,
+    SetPoint, State,
 };
 use super::tap::{RingEntry, TickCopy};
 
@@ -19,11 +21,26 @@ pub(super) struct Translator {
     tick: Option<TickCopy>,
     /// An apex that the controller has not answered yet.
     unanswered: Option<Apex>,
+    /// What is added for viewers, if anything is.
+    display: Option<Display>,
 }
 
 impl Translator {
-    pub(super) fn new(started_unix_ns: u64, rate_hz: u32) -> Self {
-        Self { started_unix_ns, rate_hz, earlier_runs_s: 0.0, tick: None, unanswered: None }
+    /// Creates a translator for a run, with messages for viewers at `display_rate_hz`, 0 for
+    /// none.
+    pub(super) fn new(config: &Config, display_rate_hz: u32) -> Self {
+        let Config { started_unix_ns, rate_hz, .. } = *config;
+        let display = Display::of(config, display_rate_hz);
+        let (earlier_runs_s, tick, unanswered) = (0.0, None, None);
+        Self { started_unix_ns, rate_hz, earlier_runs_s, tick, unanswered, display }
+    }
+
+    /// Adds the configuration of the run.
+    pub(super) fn begin(&self, config: &Config, frames: &mut FrameBuffer) {
+        frames.add(config.started_unix_ns, config);
+        if let Some(display) = &self.display {
+            display.begin(config, frames);
+        }
     }
 
     /// Converts simulated time to the log time of a message, ns since 1970.
@@ -76,6 +93,9 @@ impl Translator {
                 density_ratio: tick.density_ratio,
             },
         );
+        if let Some(display) = &mut self.display {
+            display.tick(tick, time_ns, frames);
+        }
         // The controller answers an apex in the tick after it.
         if self.tick.is_some_and(|last| last.command.apexes != command.apexes) {
             self.close_apex(true, command, frames);
@@ -114,10 +134,23 @@ impl Translator {
                 return;
             }
         };
-        let kind = kind.into();
-        let event =
-            Event { seq: tick.seq, t_s, kind, x_m, vx_m_s, y_m, vy_m_s, foot_x_m, foot_y_m };
-        frames.add(self.log_time_ns(t_s), &event);
+        let number = kind.into();
+        let event = Event {
+            seq: tick.seq,
+            t_s,
+            kind: number,
+            x_m,
+            vx_m_s,
+            y_m,
+            vy_m_s,
+            foot_x_m,
+            foot_y_m,
+        };
+        let time_ns = self.log_time_ns(t_s);
+        frames.add(time_ns, &event);
+        if self.display.is_some() && kind == EventKind::Fall {
+            log::fall(time_ns, frames);
+        }
     }
 
     fn close_apex(
@@ -134,18 +167,30 @@ impl Translator {
                 velocity_offset_m_s: command.velocity_offset_m_s.into(),
                 ..apex
             };
-            frames.add(self.log_time_ns(apex.t_s), &apex);
+            let time_ns = self.log_time_ns(apex.t_s);
+            frames.add(time_ns, &apex);
+            if self.display.is_some() {
+                log::apex(&apex, time_ns, frames);
+            }
         }
     }
 
     /// Adds a policy at the tick before which the controller received it.
     pub(super) fn policy(&self, policy: &Policy, frames: &mut FrameBuffer) {
-        frames.add(self.tick_time_ns(policy.seq), policy);
+        let time_ns = self.tick_time_ns(policy.seq);
+        frames.add(time_ns, policy);
+        if self.display.is_some() {
+            log::policy(policy, time_ns, frames);
+        }
     }
 
     /// Adds a set-point at the tick before which the controller received it.
     pub(super) fn set_point(&self, set_point: &SetPoint, frames: &mut FrameBuffer) {
-        frames.add(self.tick_time_ns(set_point.seq), set_point);
+        let time_ns = self.tick_time_ns(set_point.seq);
+        frames.add(time_ns, set_point);
+        if self.display.is_some() {
+            log::set_point(*set_point, time_ns, frames);
+        }
     }
 
     /// Adds how the control law runs, at the start of the recording.
@@ -158,10 +203,16 @@ impl Translator {
         frames.add(self.tick_time_ns(timing.seq), timing);
     }
 
-    /// Adds an apex that was never answered.
-    pub(super) fn end(&mut self, frames: &mut FrameBuffer) {
+    /// Adds an apex that was never answered, and the result of the run after all else.
+    pub(super) fn end(&mut self, end: Option<&End>, frames: &mut FrameBuffer) {
         if let Some(tick) = self.tick {
             self.close_apex(false, &tick.command, frames);
         }
+        let Some(end) = end else { return };
+        let time_ns = frames.latest_ns();
+        if self.display.is_some() {
+            log::end(end, time_ns, frames);
+        }
+        frames.add(time_ns, end);
     }
 }

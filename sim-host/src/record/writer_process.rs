@@ -11,10 +11,12 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use foxglove::Schema;
 use leg_process::remedy;
 use mcap::records::MessageHeader;
 use rustix::process::Signal;
 
+use super::display::DisplayTopic;
 use super::file::{PROTOBUF, RecordingFile};
 use super::pipe::{self, Frame};
 use super::schema::{Channel, DESCRIPTORS};
@@ -72,8 +74,10 @@ fn write(path: &Path, ready: impl FnOnce()) -> io::Result<u64> {
     let mut channels = Vec::new();
     for channel in Channel::ALL {
         let schema = recording.add_schema(&channel.schema(), PROTOBUF, DESCRIPTORS)?;
-        channels.push(recording.add_channel(schema, channel.topic(), PROTOBUF)?);
+        channels.push(Some(recording.add_channel(schema, channel.topic(), PROTOBUF)?));
     }
+    // A topic for viewers begins with its first message: most recordings lack some.
+    channels.resize(pipe::TOPICS, None);
     ready();
 
     let mut pipe = BufReader::with_capacity(BUFFER_LEN, io::stdin().lock());
@@ -81,9 +85,14 @@ fn write(path: &Path, ready: impl FnOnce()) -> io::Result<u64> {
     // A broken pipe ends the recording as a closed one does.
     while let Ok(Some(frame)) = pipe::read(&mut pipe, &mut buffer) {
         match frame {
-            Frame::Message { channel, log_time_ns, sequence, message } => {
+            Frame::Message { topic, log_time_ns, sequence, message } => {
+                let channel_id = match channels[topic] {
+                    Some(id) => id,
+                    None => begin_display(&mut recording, topic)?,
+                };
+                channels[topic] = Some(channel_id);
                 let header = MessageHeader {
-                    channel_id: channels[channel as usize],
+                    channel_id,
                     sequence,
                     log_time: log_time_ns,
                     publish_time: log_time_ns,
@@ -98,6 +107,14 @@ fn write(path: &Path, ready: impl FnOnce()) -> io::Result<u64> {
     file.sync_all()?;
     put_in_place(&part, path)?;
     Ok(messages)
+}
+
+/// Adds the channel of a topic for viewers, by its number on the pipe.
+fn begin_display<W: Write>(recording: &mut RecordingFile<W>, number: usize) -> io::Result<u16> {
+    let topic = DisplayTopic::ALL[number - Channel::ALL.len()];
+    let Schema { name, encoding, data } = topic.schema();
+    let schema = recording.add_schema(&name, &encoding, &data)?;
+    recording.add_channel(schema, topic.name(), PROTOBUF)
 }
 
 /// Gives the complete file its name. A file that cannot be replaced, because a container has

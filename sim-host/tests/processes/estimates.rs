@@ -9,14 +9,15 @@ use leg_control::policy::{Policy, SHIPPED};
 use leg_control::wire::Sample;
 use leg_control::wire_controller::WireController;
 use leg_host::TimeMode;
+use sim_host::record::Recorder;
 use sim_host::record::config;
 use sim_host::record::read::Reader;
 use sim_host::record::schema::{self, AnyMessage};
-use sim_host::record::{OnFull, Recorder};
 use sim_host::scenario::{Scenario, Settings};
 use sim_host::session::{Options, TickRecord, stepped};
 
 use super::place::{PROGRAM, Place};
+use super::record::RECORD_OPTIONS;
 use super::text;
 
 /// A leg without sensors of velocity and height.
@@ -141,7 +142,7 @@ fn replay_names_the_first_estimate_that_differs_in_a_bit() {
     let scenario = Scenario::from_settings(&settings).unwrap();
     let config = config::of_run(&settings, &scenario, TimeMode::LockStep).unwrap();
     let (recorder, mut tap) =
-        Recorder::begin_with(Path::new(PROGRAM), &path, &config, OnFull::Wait).unwrap();
+        Recorder::begin_with(Path::new(PROGRAM), &path, &config, RECORD_OPTIONS).unwrap();
     let policy = Policy::parse(SHIPPED).unwrap();
     let sink = recorder.sink();
     sink.policy(schema::Policy::of(SHIPPED, &policy, 1, 0));

@@ -16,6 +16,7 @@ mod sensors;
 mod shared_memory;
 mod swap;
 mod unwritable;
+mod viewers;
 mod watch;
 
 use std::fs;

@@ -15,13 +15,17 @@ use rustix::process::Signal;
 use sim_host::record::config;
 use sim_host::record::read::Reader;
 use sim_host::record::schema::{AnyMessage, Policy as PolicyMessage, SetPoint};
-use sim_host::record::{OnFull, Recorder};
+use sim_host::record::{OnFull, RecordOptions, Recorder};
 use sim_host::replay::{self, ReplayError};
 use sim_host::scenario::{Scenario, Settings};
 use sim_host::session::{Options, lock_step};
 
 use crate::ENDLESS;
 use crate::place::{self, PROGRAM, Place, Running, folder_of, text};
+
+/// How the tests record in lock-step.
+pub(crate) const RECORD_OPTIONS: RecordOptions =
+    RecordOptions { on_full: OnFull::Wait, display_rate_hz: 50 };
 
 pub(crate) fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
     place::wait_until(|| if is_so() { Ok(()) } else { Err(what.to_owned()) });
@@ -78,7 +82,7 @@ fn record_with(
     let scenario = Scenario::from_settings(&settings).unwrap();
     let config = config::of_run(&settings, &scenario, TimeMode::LockStep).unwrap();
     let (recorder, mut tap) =
-        Recorder::begin_with(Path::new(PROGRAM), path, &config, OnFull::Wait).unwrap();
+        Recorder::begin_with(Path::new(PROGRAM), path, &config, RECORD_OPTIONS).unwrap();
     for policy in policies {
         recorder.sink().policy(policy.clone());
     }

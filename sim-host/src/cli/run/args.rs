@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use leg_host::cli::Meeting;
 use leg_host::realtime::args::{RealTimeArgs, parse_cpu};
 
+use crate::cli::recording::RecordArgs;
 use crate::scenario::Settings;
 use crate::session::real_time::{OnFall, Options};
 
@@ -35,9 +36,8 @@ pub(in crate::cli) struct Args {
     /// Policy file for --spawn or --in-process [default: the shipped policy].
     #[arg(long, value_name = "FILE")]
     pub(super) policy: Option<PathBuf>,
-    /// Record every tick to an MCAP file, for `replay`, `plot` and other programs.
-    #[arg(long, value_name = "FILE")]
-    pub(super) record: Option<PathBuf>,
+    #[command(flatten)]
+    pub(super) recording: RecordArgs,
     /// Print the result as one JSON object.
     #[arg(long)]
     pub(super) json: bool,

@@ -60,8 +60,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     }
     let time_mode = if args.real_time.is_on() { TimeMode::RealTime } else { TimeMode::LockStep };
     let inputs = args.scenario.iter().chain(&args.policy).map(PathBuf::as_path);
-    let recording =
-        Recording::begin(args.record.as_deref(), inputs, &settings, &scenario, time_mode)?;
+    let recording = Recording::begin(&args.recording, inputs, &settings, &scenario, time_mode)?;
     match time_mode {
         TimeMode::LockStep => lock_step::main(&scenario, args, recording),
         TimeMode::RealTime => real_time::main(&scenario, args, recording),
