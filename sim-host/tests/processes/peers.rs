@@ -126,6 +126,27 @@ fn a_controller_in_python_moves_our_leg_as_its_law_does_within_our_process() {
     place.assert_clean();
 }
 
+/// The flight, the ground and the leg are MuJoCo's, with a foot of 0.5 kg on a damped spring and a
+/// friction cone; the law is the program's.
+#[test]
+fn a_leg_in_mujoco_keeps_its_set_point_in_air_and_half_in_water() {
+    let Some(python) = requirements::python() else { return };
+    for (density_ratio, set_point_m_s) in [("0", 0.5), ("0.5", 1.0)] {
+        let place = Place::new();
+        let controller = place.start("controller", &["--once", "--domain", place.domain()]);
+        place.wait_for_the_controller();
+        let set_point = set_point_m_s.to_string();
+        let more = ["--set-point", &set_point, "--density", density_ratio, "--hops", "20"];
+        let leg = script(&place, &python, "mujoco/mujoco_leg.py", &more).end();
+        let report: serde_json::Value = serde_json::from_str(&leg.assert_ok().out).expect("JSON");
+        assert_eq!((&report["hops"], &report["fallen"]), (&20.into(), &false.into()), "{report}");
+        let vx_m_s = report["vx_m_s"].as_f64().expect("a number");
+        assert!((vx_m_s - set_point_m_s).abs() < 0.05 * set_point_m_s, "{report}");
+        controller.end().assert_ok();
+        place.assert_clean();
+    }
+}
+
 #[test]
 fn the_scripts_are_as_short_as_the_documents_say() {
     for name in ["leg.py", "controller.py"] {
