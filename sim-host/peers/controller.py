@@ -49,7 +49,7 @@ send("ready")
 ticks, polls = 0, 0
 while True:
     if (received := samples.receive()) is None:
-        if (polls := polls + 1) > 200 and select.select([peer], [], [], 2e-5)[0]: break
+        if (polls := polls + 1) > 50 and select.select([peer], [], [], 2e-5)[0]: break
         continue
     sample, polls = Sample.from_buffer_copy(received.payload().contents), 0
     received.delete()

@@ -32,7 +32,7 @@ def receive(answers):  # the newest command, or None; in lock-step wait for the 
             command = Command.from_buffer_copy(received.payload().contents)
             received.delete()
             if not answers or command.seq == seq: return command
-        if poll > 200 and select.select([peer], [], [], 2e-5)[0]: sys.exit("the controller has left")
+        if poll > 50 and select.select([peer], [], [], 2e-5)[0]: sys.exit("the controller has left")
 
 body, speed, foot, seq, apexes = 2j, 0j, None, 0, []  # x + iy in the plane
 def play(angle, elongation, rate):  # one tick: 80 kg, with 8 kg of added mass, on a spring of 20 kN/m

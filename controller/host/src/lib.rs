@@ -35,6 +35,8 @@ pub mod policy_cache;
 pub mod realtime;
 pub mod reconnect;
 pub mod recorded;
+
+mod safe_state;
 pub mod serial;
 pub mod serve;
 pub mod server;

@@ -8,6 +8,7 @@ use rtrb::{Consumer, Producer};
 use triple_buffer::Input;
 
 use super::realtime::Control;
+use super::safe_state::SafeStateWatch;
 use leg_control::guard::Counts;
 use leg_control::policy::Policy;
 use leg_control::serial::message::{PolicyReport, RunTick, Slot};
@@ -102,6 +103,7 @@ pub struct NodeLoop {
     policy: Option<PolicyReport<'static>>,
     in_force: u64,
     since: Option<RunTick>,
+    safe_state: SafeStateWatch,
 }
 
 impl NodeLoop {
@@ -111,6 +113,7 @@ impl NodeLoop {
         taken: Producer<Taken>,
         snapshot: Input<Snapshot>,
         ended: Producer<RunResult>,
+        safe_state: SafeStateWatch,
     ) -> Self {
         let mut this = Self {
             node,
@@ -127,6 +130,7 @@ impl NodeLoop {
             policy: None,
             in_force: 0,
             since: None,
+            safe_state,
         };
         this.take_changes();
         this.policy = this.node.report();
@@ -161,6 +165,9 @@ impl NodeLoop {
         let is_other = |sample: &&Sample| sample.header.run_id != self.run.run_id;
         let before = sample.filter(is_other).and_then(|_| self.result_of_run());
         let command = self.node.tick(self.seq, sample);
+        if let Some(controller) = self.node.controller() {
+            self.safe_state.note(sample, &command, controller.counts());
+        }
         if let Some(sample) = sample {
             let is_accepted = command.rejected <= self.run.rejected;
             if is_accepted && sample.header.run_id != self.run.run_id {
@@ -223,6 +230,7 @@ impl NodeLoop {
         self.take_changes();
         self.end_run();
         self.node.end_run();
+        self.safe_state.restart();
         self.publish(None);
     }
 

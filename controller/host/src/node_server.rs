@@ -4,7 +4,7 @@ use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::fmt;
 use std::path::Path;
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use rtrb::{Consumer, Producer, RingBuffer};
 use triple_buffer::{Output, triple_buffer};
@@ -14,6 +14,7 @@ use super::memory_store::MemoryStore;
 use super::node_loop::{CHANGES, Change, NodeLoop, RunResult, Snapshot, Taken};
 use super::policy_cache::CachedPolicy;
 use super::realtime::LatestReport;
+use super::safe_state::{self, SafeStateReporter};
 use super::status::{Crc32, PolicyName, SetPointRecord, Status, SwapRecord};
 use leg_control::config::ConfigError;
 use leg_control::serial::endpoint::{Endpoint, RepeatFilter};
@@ -191,6 +192,7 @@ pub struct NodeServer {
     /// The policy in force when last looked at, and when it took over.
     seen_in_force: u64,
     since: SystemTime,
+    safe_state: SafeStateReporter,
 }
 
 impl NodeServer {
@@ -235,7 +237,8 @@ impl NodeServer {
         // The policy is there, so there is no alarm.
         let (handler, _) = RequestHandler::power_up(DEVICE, store, &handle);
         let (to_end, ended) = RingBuffer::new(ENDED_RUNS);
-        let node_loop = NodeLoop::new(control_node, to_take, to_report, input, to_end);
+        let (watch, safe_state) = safe_state::watch(params.rate_hz);
+        let node_loop = NodeLoop::new(control_node, to_take, to_report, input, to_end, watch);
         let server = Self {
             handler,
             node: handle,
@@ -244,6 +247,7 @@ impl NodeServer {
             report: Vec::new(),
             seen_in_force: 0,
             since: SystemTime::now(),
+            safe_state,
         };
         Ok((node_loop, server))
     }
@@ -313,6 +317,11 @@ impl NodeServer {
     /// Returns the result of a run that has ended since the last call, oldest first.
     pub fn ended_run(&mut self) -> Option<RunResult> {
         self.ended.pop().ok()
+    }
+
+    /// Returns a message about a safe state that holds while samples come, once a second.
+    pub fn safe_state(&mut self) -> Option<String> {
+        self.safe_state.message(Instant::now())
     }
 
     /// Returns a message when another policy has taken over since the last call.

@@ -10,7 +10,7 @@
 use std::time::{Duration, Instant};
 
 use crate::faults::stage::FaultyLink;
-use leg_control::wire::Command;
+use leg_control::wire::{Command, Header, WIRE_VERSION};
 use leg_host::{LegLink, LinkError, Role};
 
 use super::hooks::{Hooks, Observe};
@@ -49,15 +49,31 @@ pub enum SessionError {
     },
     /// The controller is connected but sent no matching command in time.
     #[error(
-        "at tick {tick}: the {role} is running but has not answered for {waited_s} s; it may be stopped",
+        "at tick {tick}: the {role} is running but has not answered for {waited_s} s; {}",
+        why_not(last.as_ref(), *tick, *run_id),
         role = Role::Controller
     )]
     NoAnswer {
         /// The tick.
         tick: u64,
+        /// The run.
+        run_id: u32,
         /// Time waited, s.
         waited_s: f64,
+        /// The header of the last command that answered another sample.
+        last: Option<Header>,
     },
+}
+
+/// Returns why no command answers the sample of this tick.
+fn why_not(last: Option<&Header>, tick: u64, run_id: u32) -> String {
+    let Some(Header { version, run_id: their_run, seq, .. }) = last else {
+        return "it may be stopped".to_owned();
+    };
+    format!(
+        "its last command has wire version {version}, run id {their_run} and sequence number {seq}, \
+         the sample that waits {WIRE_VERSION}, {run_id} and {tick}"
+    )
 }
 
 /// Plays `scenario` with the controller at the other end of `link`. The run
@@ -138,17 +154,20 @@ fn exchange(
     link.send(leg.sample()).map_err(broken)?;
     let mut left = timeout;
     let mut since = None;
+    let mut last = None;
     loop {
         let Some(command) = link.receive(left).map_err(broken)? else {
             if link.expects_no_reply() {
                 return Ok(None);
             }
-            return Err(SessionError::NoAnswer { tick, waited_s: timeout.as_secs_f64() });
+            let (run_id, waited_s) = (leg.sample().header.run_id, timeout.as_secs_f64());
+            return Err(SessionError::NoAnswer { tick, run_id, waited_s, last });
         };
         if leg.is_answered_by(&command) || link.expects_no_reply() {
             return Ok(Some(command));
         }
         leg.count_refused(&command);
+        last = Some(command.header);
         let since = *since.get_or_insert_with(Instant::now);
         left = timeout.saturating_sub(since.elapsed());
     }

@@ -1,6 +1,7 @@
 //! Programs of another language at the other end: the scripts in `sim-host/peers`.
 
 use std::f64::consts::FRAC_PI_2;
+use std::fs;
 use std::path::Path;
 use std::process::Command;
 
@@ -9,6 +10,7 @@ use leg_control::wire::{self, Header, Sample, WIRE_VERSION};
 use leg_control::wire_controller::WireController;
 use leg_host::Domain;
 use leg_plant::{Event, EventKind};
+use rustix::process::Signal;
 use sim_host::scenario::{Scenario, Settings};
 use sim_host::session::{Options, TickRecord, stepped};
 
@@ -150,7 +152,7 @@ fn a_leg_in_mujoco_keeps_its_set_point_in_air_and_half_in_water() {
 #[test]
 fn the_scripts_are_as_short_as_the_documents_say() {
     for name in ["leg.py", "controller.py"] {
-        let script = std::fs::read_to_string(format!("{SCRIPTS}/{name}")).expect(name);
+        let script = fs::read_to_string(format!("{SCRIPTS}/{name}")).expect(name);
         assert!(script.lines().count() <= 60, "{name}");
     }
 }
@@ -180,7 +182,7 @@ fn the_command_domain_prints_what_a_program_needs_to_connect() {
     }
     let session = &report["session"];
     let folder = session["folder"].as_str().expect("a session");
-    assert!(std::path::Path::new(folder).is_dir(), "{folder}");
+    assert!(Path::new(folder).is_dir(), "{folder}");
     assert!(
         session["prefix"].as_str().expect("one").starts_with(report["prefix"].as_str().unwrap())
     );
@@ -194,8 +196,173 @@ fn the_command_domain_prints_what_a_program_needs_to_connect() {
     for part in [folder, "leg.command.v2, 64 bytes, alignment 8", " 24  f32       set_point_m_s"] {
         assert!(text.assert_ok().out.contains(part), "`{part}` is not in: {}", text.out);
     }
-    simulator.signal(rustix::process::Signal::INT);
+    simulator.signal(Signal::INT);
     simulator.end();
     controller.end();
     place.assert_clean();
+}
+
+/// Starts a copy of a script with one mistake.
+fn mistaken(place: &Place, python: &Path, name: &str, [right, wrong]: [&str; 2]) -> Running {
+    let script = fs::read_to_string(format!("{SCRIPTS}/{name}")).expect(name);
+    assert_eq!(script.matches(right).count(), 1, "`{right}` in {name}");
+    let copy = place.file(name);
+    fs::write(&copy, script.replace(right, wrong)).expect("write");
+    let mut command = Command::new(python);
+    Running::start(command.arg(copy).args(["--domain", place.domain(), "--duration", "80000"]))
+}
+
+/// Each mistake was made by people who wrote a leg: what both sides print of it.
+#[test]
+fn a_leg_that_is_half_met_is_told_why_and_so_is_the_user_of_the_controller() {
+    let Some(python) = requirements::python() else { return };
+    let place = Place::new();
+    let mut controller = place.start("controller", &["--domain", place.domain()]);
+    place.wait_for_the_controller();
+    for (mistake, at_the_controller, at_the_leg) in [
+        (
+            ["\"gravity_m_s2\": 9.81", "\"gravity_m_s2\": 9.8"],
+            "the simulator is under a gravity of 9.8 m/s2, this program under 9.81 m/s2",
+            "the controller is under a gravity of 9.81 m/s2, this program under 9.8 m/s2",
+        ),
+        (
+            ["\"wire_version\": 2", "\"wire_version\": 1"],
+            "the simulator uses version 1 of the messages",
+            "the controller uses version 2 of the messages, this program version 1",
+        ),
+        (
+            ["{\"version\": 1", "{\"version\": 7"],
+            "the simulator uses version 7 of the session protocol",
+            "the controller uses version 1 of the session protocol, this program version 7",
+        ),
+        (
+            ["\"time_mode\"", "\"timemode\""],
+            "`timemode` is no parameter of this version",
+            "`timemode` is no parameter of this version",
+        ),
+        (
+            ["\"rate_hz\": 1000, ", ""],
+            "its first line is not understood (missing field `rate_hz`",
+            "the first line is not understood: missing field `rate_hz`",
+        ),
+        (
+            ["iox2.FileName.new(session[\"prefix\"])", "iox2.FileName.new(\"iox2_\")"],
+            "but left before it was ready; see its own output",
+            "DoesNotExist",
+        ),
+        (
+            ["(\"sensors\", U32 * 12)", "(\"sensors\", U32 * 10)"],
+            "but left before it was ready; see its own output",
+            "IncompatibleTypes",
+        ),
+        (
+            ["service(\"leg/samples\", Sample).publisher_builder().create()", "None"],
+            "has no publisher at leg/samples in the session when it is ready",
+            "has no publisher at leg/samples in the session",
+        ),
+    ] {
+        mistaken(&place, &python, "leg.py", mistake).end().assert(1, &[at_the_leg]);
+        controller.wait_for_message(at_the_controller);
+    }
+    // Those that do not go on are named while they live.
+    for (mistake, at_the_controller) in [
+        (["send({\"hello\"", "time.sleep(99); send({\"hello\""], "has not sent its hello"),
+        (["send(\"ready\")", "time.sleep(99)"], "has not sent that it is ready, with ports in"),
+    ] {
+        let _leg = mistaken(&place, &python, "leg.py", mistake);
+        controller.wait_for_message(at_the_controller);
+    }
+    controller.signal(Signal::INT);
+    controller.end().assert_ok();
+    place.assert_clean();
+}
+
+#[test]
+fn a_controller_explains_its_safe_state_while_it_holds() {
+    let Some(python) = requirements::python() else { return };
+    let place = Place::new();
+    let mut controller = place.start("controller", &["--domain", place.domain()]);
+    place.wait_for_the_controller();
+    for (mistake, message) in [
+        (["seq, seq * 10**6,", "seq, seq * 10**3,"], "are they in microseconds?"),
+        (["Sample(2, 0b", "Sample(3, 0b"], "the last: wire version 3 instead of 2"),
+        (
+            ["Sample(2, 0b11100001", "Sample(2, 0b11100000"],
+            "neither contact nor leg length is sensed",
+        ),
+        (
+            ["speed.real, body.imag, speed.imag))", "99, body.imag, speed.imag))"],
+            "vx_m_s is 99, it must be from -50 to 50",
+        ),
+    ] {
+        let mut leg = mistaken(&place, &python, "leg.py", mistake);
+        controller.wait_for_message(message);
+        let pid = leg.pid();
+        leg.kill();
+        controller.wait_for_message(&format!("(process {pid}) died"));
+    }
+    controller.signal(Signal::INT);
+    controller.end().assert_ok();
+    place.assert_clean();
+}
+
+/// Starts a copy of the controller with one mistake, and waits until it listens.
+fn mistaken_controller(place: &Place, python: &Path, [right, wrong]: [&str; 2]) -> Running {
+    let script = fs::read_to_string(format!("{SCRIPTS}/controller.py")).expect("a script");
+    assert_eq!(script.matches(right).count(), 1, "`{right}` in controller.py");
+    let copy = place.file("controller.py");
+    fs::write(&copy, script.replace(right, wrong)).expect("write");
+    let controller =
+        Running::start(Command::new(python).arg(copy).args(["--domain", place.domain()]));
+    wait_until(|| {
+        let listens = place.root().join("session.sock").exists();
+        if listens { Ok(()) } else { Err("it does not listen".to_owned()) }
+    });
+    controller
+}
+
+#[test]
+fn a_controller_that_is_half_met_is_told_why_and_so_is_the_user_of_the_leg() {
+    let Some(python) = requirements::python() else { return };
+    for (mistake, at_the_leg, at_the_controller) in [
+        (
+            ["gravity_m_s2=9.81", "gravity_m_s2=9.8"],
+            "the controller is under a gravity of 9.8 m/s2, this program under 9.81 m/s2",
+            "the simulator is under a gravity of 9.81 m/s2, this program under 9.8 m/s2",
+        ),
+        (["(\"sensors\", U32 * 12)", "(\"sensors\", U32 * 10)"], "leg.sample.v2", "leg.sample.v2"),
+        (
+            ["f\"leg-{os.getuid()}-", "f\"leg-"],
+            "it names no session of this domain: the folder must lie in",
+            "it names no session of this domain",
+        ),
+        (
+            [
+                "samples = service(\"leg/samples\", Sample).subscriber_builder().create()",
+                "service(\"leg/samples\", Sample)",
+            ],
+            "has no subscriber at leg/samples in the session",
+            "has no subscriber at leg/samples in the session",
+        ),
+    ] {
+        let place = Place::new();
+        let controller = mistaken_controller(&place, &python, mistake);
+        let simulator = place.simulator(&["--timeout", "1.5"]).end();
+        simulator.assert(1, &[at_the_leg]);
+        controller.end().assert(1, &[at_the_controller]);
+    }
+}
+
+#[test]
+fn a_leg_names_the_command_that_answers_another_sample() {
+    let Some(python) = requirements::python() else { return };
+    let place = Place::new();
+    let controller = mistaken_controller(
+        &place,
+        &python,
+        ["sample.seq, sample.t_ns", "sample.seq + 1, sample.t_ns"],
+    );
+    let simulator = place.simulator(&["--timeout", "1.5"]).end();
+    simulator.assert(1, &["and sequence number 1, the sample that waits 2, ", " and 0"]);
+    controller.end().assert_ok();
 }

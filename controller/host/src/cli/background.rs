@@ -1,5 +1,5 @@
 //! What a controller process runs beside its loop: the control socket, and a
-//! thread that handles SIGHUP and logs swaps.
+//! thread that handles SIGHUP and logs swaps and safe states.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -55,9 +55,12 @@ impl Background {
                     reload.look(&server, &stop);
                 }
                 // The lock is released before anything is printed.
-                let news = lock(&server).news();
-                if let Some(news) = news {
-                    log(news);
+                let (news, safe_state) = {
+                    let mut server = lock(&server);
+                    (server.news(), server.safe_state())
+                };
+                for message in news.into_iter().chain(safe_state) {
+                    log(message);
                 }
                 std::thread::park_timeout(ROUND);
             }

@@ -177,8 +177,8 @@ impl Half {
             ),
             Self::Left => format!("{begun} left before it was ready; see its own output"),
             Self::Ports { missing, prefix, folder } => format!(
-                "{begun} has no {missing} in the session when it sends that it is ready; its \
-                 iceoryx2 must have the prefix {prefix} and the root path {}",
+                "{begun} has no {missing} in the session when it is ready; its iceoryx2 \
+                 must have the prefix {prefix} and the root path {}",
                 folder.display()
             ),
         }

@@ -324,12 +324,29 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
             let session = Some(session.clone());
             channel.send(&Line::Hello(Hello { session, ..Hello::of(self.params) }));
         } else {
+            self.check_ports(&channel, hello.pid, session.clone(), &ports)?;
             self.map_peer(&ports)?;
             channel.send(&Line::Ready);
         }
         let SessionParams { leg, estimator, .. } = hello.params;
         let peer = Peer { role: In::SENDER, pid: hello.pid, leg, estimator };
         Ok((PeerState::Preparing(channel, peer, session, ports), None))
+    }
+
+    /// Refuses a peer without ports in the session.
+    fn check_ports(
+        &self,
+        channel: &Channel,
+        pid: u32,
+        session: Session,
+        ports: &Ports<Out, In>,
+    ) -> Result<(), ConnectError> {
+        let Some(missing) = ports.missing_of_peer() else { return Ok(()) };
+        let Session { prefix, folder } = session;
+        let half = Half::Ports { missing, prefix, folder };
+        let error = ConnectError::HalfMet { peer: In::SENDER, pid: Some(pid), half };
+        self.refuse(channel, error.to_string());
+        Err(error)
     }
 
     fn half_met(pid: Option<u32>, half: Half) -> PeerEvent {
@@ -362,13 +379,7 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
                 return Ok((PeerState::Absent, Some(Self::half_met(Some(pid), Half::Left))));
             }
         }
-        if let Some(missing) = ports.missing_of_peer() {
-            let Session { prefix, folder } = session;
-            let half = Half::Ports { missing, prefix, folder };
-            let error = ConnectError::HalfMet { peer: In::SENDER, pid: Some(pid), half };
-            self.refuse(&channel, error.to_string());
-            return Ok((PeerState::Absent, Some(PeerEvent::Failed(error))));
-        }
+        self.check_ports(&channel, pid, session, &ports)?;
         if self.listener.is_some() {
             self.map_peer(&ports)?;
             channel.send(&Line::Ready);

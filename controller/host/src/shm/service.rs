@@ -13,6 +13,8 @@ use iceoryx2::prelude::{
 };
 use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+use iceoryx2::service::static_config::messaging_pattern::MessagingPattern;
+use iceoryx2::service::{self, Service as _};
 use serde::Serialize;
 
 use super::payload::{Message, Payload};
@@ -118,7 +120,48 @@ fn service<T: Message>(node: &Node<Ipc>) -> Result<Service<T>, String> {
         .history_size(wanted.history_size)
         .enable_safe_overflow(wanted.enable_safe_overflow)
         .open_or_create()
-        .map_err(text)
+        .map_err(|cause| match mismatch::<T>(node) {
+            Some(mismatch) => format!("{mismatch} ({cause})"),
+            None => text(cause),
+        })
+}
+
+/// Returns in what a service that exists differs from what is wanted, if it does.
+fn mismatch<T: Message>(node: &Node<Ipc>) -> Option<String> {
+    let name = T::SERVICE.try_into().ok()?;
+    let pattern = service::messaging_pattern::MessagingPattern::PublishSubscribe;
+    let found = Ipc::details(&name, node.config(), pattern).ok()??.static_details;
+    let MessagingPattern::PublishSubscribe(found) = found.messaging_pattern() else { return None };
+    let described = |name: &str, bytes: usize, alignment: usize| {
+        format!("{name} of {bytes} bytes, alignment {alignment}")
+    };
+    let payload = &found.message_type_details().payload;
+    let theirs = described(&payload.type_name().to_string(), payload.size(), payload.alignment());
+    let ours = described(T::TYPE_NAME, size_of::<T>(), align_of::<T>());
+    let wanted = attributes();
+    let at_least = |name, found: usize, wanted: usize| {
+        (found < wanted).then(|| format!("{name} {found} instead of {wanted}"))
+    };
+    let differences = [
+        (theirs != ours).then(|| format!("the payload {theirs}, instead of {ours}")),
+        at_least("max_publishers", found.max_publishers(), wanted.max_publishers),
+        at_least("max_subscribers", found.max_subscribers(), wanted.max_subscribers),
+        at_least("max_nodes", found.max_nodes(), wanted.max_nodes),
+        at_least(
+            "subscriber_max_buffer_size",
+            found.subscriber_max_buffer_size(),
+            wanted.subscriber_max_buffer_size,
+        ),
+        at_least(
+            "subscriber_max_borrowed_samples",
+            found.subscriber_max_borrowed_samples(),
+            wanted.subscriber_max_borrowed_samples,
+        ),
+        (!found.has_safe_overflow()).then(|| "no safe overflow".to_owned()),
+    ];
+    let differences: Vec<_> = differences.into_iter().flatten().collect();
+    let list = differences.join(", ");
+    (!differences.is_empty()).then(|| format!("the service {} has {list}", T::SERVICE))
 }
 
 /// The ports of one end of a session.
