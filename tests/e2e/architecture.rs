@@ -36,11 +36,13 @@ const ALLOWED: [(&str, &[&str]); 5] = [
 ];
 
 /// Packages of this workspace that each package may depend on.
-const ARROWS: [(&str, &[&str]); 8] = [
+const ARROWS: [(&str, &[&str]); 9] = [
     ("leg-process", &["leg-control"]),
     ("leg-recording", &["leg-control"]),
     // `controller estimate` reads recordings and draws estimates.
     ("leg-host", &["leg-charts", "leg-control", "leg-process", "leg-recording"]),
+    // The session and the law for C.
+    ("leg-c", &["leg-control", "leg-host", "leg-process"]),
     (
         "sim-host",
         &["leg-charts", "leg-control", "leg-host", "leg-plant", "leg-process", "leg-recording"],

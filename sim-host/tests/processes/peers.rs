@@ -128,7 +128,7 @@ fn a_controller_in_python_moves_our_leg_as_its_law_does_within_our_process() {
     place.assert_clean();
 }
 
-/// The flight, the ground and the leg are MuJoCo's, with a foot of 0.5 kg on a damped spring and a
+/// The flight, the ground and the leg are those of `MuJoCo`, with a foot of 0.5 kg on a damped spring and a
 /// friction cone; the law is the program's.
 #[test]
 fn a_leg_in_mujoco_keeps_its_set_point_in_air_and_half_in_water() {
