@@ -246,7 +246,10 @@ fn a_leg_that_is_half_met_is_told_why_and_so_is_the_user_of_the_controller() {
             "the first line is not understood: missing field `rate_hz`",
         ),
         (
-            ["iox2.FileName.new(session[\"prefix\"])", "iox2.FileName.new(\"iox2_\")"],
+            [
+                "iox2.FileName.new(session[\"prefix\"])",
+                "iox2.FileName.new(session[\"prefix\"] + \"other.\")",
+            ],
             "but left before it was ready; see its own output",
             "DoesNotExist",
         ),
