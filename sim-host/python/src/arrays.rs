@@ -55,10 +55,10 @@ pub(crate) struct Rows<const N: usize, T> {
 /// # Errors
 /// What numpy raises of what is no array of numbers.
 fn numbers<T: Number>(argument: &Bound<'_, PyAny>) -> PyResult<(Vec<T>, Vec<usize>)> {
-    static CONTIGUOUS: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+    static AS_ARRAY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     let py = argument.py();
     // `ascontiguousarray` would give a number an axis, so that its shape would be lost.
-    let array = function(py, &CONTIGUOUS, "require")?.call1((argument, T::NAME, "C"))?;
+    let array = function(py, &AS_ARRAY, "asarray")?.call1((argument, T::NAME, "C"))?;
     let shape: Vec<usize> = array.getattr("shape")?.extract()?;
     // A buffer without an axis is refused.
     let flat = if shape.is_empty() { array.call_method1("reshape", (1,))? } else { array };

@@ -1,14 +1,15 @@
 //! Work on all cores, without the GIL.
 
 use pyo3::prelude::*;
-use rayon::prelude::*;
-use std::sync::Mutex;
+use std::sync::{Mutex, PoisonError};
 use trainer::threads::Threads;
 
 /// Items between two looks for a signal, such as Ctrl-C: well under a second of work.
 const BETWEEN_SIGNALS: usize = 100_000;
 /// Fewest items for which a second thread is worth waking.
 const FOR_ANOTHER_THREAD: usize = 16;
+/// Parts of the work that a thread takes one after the other.
+const PARTS_OF_A_THREAD: usize = 16;
 
 /// The threads of a process.
 struct Own {
@@ -24,7 +25,7 @@ static THREADS: Mutex<Option<Own>> = Mutex::new(None);
 fn threads() -> Option<&'static Threads> {
     let process = std::process::id();
     // Held for this alone and by a thread that has the GIL, as one that forks has, too.
-    let mut own = THREADS.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let mut own = THREADS.lock().unwrap_or_else(PoisonError::into_inner);
     if own.as_ref().is_none_or(|own| own.process != process) {
         let threads = Threads::start().ok().map(|threads| &*Box::leak(Box::new(threads)));
         *own = Some(Own { process, threads });
@@ -50,16 +51,32 @@ pub(crate) fn for_each<T: Send>(
 }
 
 /// Calls `work` for each item as [`for_each`] does, all of them whatever signal comes.
+///
+/// This thread works, too: the time until a sleeping one has woken up is that of many hops.
 pub(crate) fn for_each_uninterrupted<T: Send>(
     py: Python<'_>,
     items: &mut [T],
     work: impl Fn(&mut T) + Send + Sync,
 ) {
-    let threads = if items.len() < 2 * FOR_ANOTHER_THREAD { None } else { threads() };
-    py.detach(|| match threads {
-        Some(threads) => threads.pool.install(|| {
-            items.par_iter_mut().with_min_len(FOR_ANOTHER_THREAD).for_each(&work);
+    let others = items.len().div_ceil(FOR_ANOTHER_THREAD).saturating_sub(1);
+    let pool = if others == 0 { None } else { threads().map(|threads| &threads.pool) };
+    let others = pool.map_or(0, |pool| others.min(pool.current_num_threads() - 1));
+    // In parts, as hops differ in their cost; few enough that taking one costs nothing.
+    let part = (items.len() / (PARTS_OF_A_THREAD * (others + 1))).max(1);
+    let parts = Mutex::new(items.chunks_mut(part));
+    let take = || parts.lock().unwrap_or_else(PoisonError::into_inner).next();
+    let work_off = || {
+        while let Some(part) = take() {
+            part.iter_mut().for_each(&work);
+        }
+    };
+    py.detach(|| match pool {
+        Some(pool) if others > 0 => pool.in_place_scope(|scope| {
+            for _ in 0..others {
+                scope.spawn(|_| work_off());
+            }
+            work_off();
         }),
-        None => items.iter_mut().for_each(work),
+        _ => work_off(),
     });
 }

@@ -37,8 +37,6 @@ pub enum Requirement {
     Clang,
     /// The C compiler for Cortex-M, `arm-none-eabi-gcc`.
     ArmGcc,
-    /// A Python with its standard library, `python3`.
-    Python3,
     /// A Python with the packages of `tests/requirements.txt`, named by `LEG_PYTHON`.
     Python,
     /// The folder with the authors' published data (doi 10.5281/zenodo.4607469).
@@ -59,13 +57,12 @@ pub enum Requirement {
 
 impl Requirement {
     /// Every requirement there is.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 13] = [
         Self::Qemu,
         Self::Gcc,
         Self::Gxx,
         Self::Clang,
         Self::ArmGcc,
-        Self::Python3,
         Self::Python,
         Self::Reference,
         Self::Chromium,
@@ -85,7 +82,6 @@ impl Requirement {
             Self::Gxx => "g++",
             Self::Clang => "clang",
             Self::ArmGcc => "arm-gcc",
-            Self::Python3 => "python3",
             Self::Python => "python",
             Self::Reference => "reference",
             Self::Chromium => "chromium",
@@ -186,12 +182,6 @@ pub fn clang() -> bool {
 #[must_use]
 pub fn arm_gcc() -> bool {
     program(Requirement::ArmGcc, "arm-none-eabi-gcc")
-}
-
-/// Returns whether a Python is installed; its standard library is enough.
-#[must_use]
-pub fn python3() -> bool {
-    program(Requirement::Python3, "python3")
 }
 
 /// Returns whether the program `script` is installed.

@@ -18,12 +18,11 @@ const HIL_TICKS: u64 = 4_000;
 const PACKAGES: &str = "package -p leg-kernel-m4f -p leg-control -p leg-plant";
 
 /// Requirements that `cargo xtask setup` installs.
-const INSTALLED: [Requirement; 7] = [
+const INSTALLED: [Requirement; 6] = [
     Requirement::Qemu,
     Requirement::Gcc,
     Requirement::Gxx,
     Requirement::ArmGcc,
-    Requirement::Python3,
     Requirement::Python,
     Requirement::Chromium,
 ];

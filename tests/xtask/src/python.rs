@@ -1,5 +1,6 @@
-//! `cargo xtask python`: builds the Python package, installs it into an environment of its own
-//! with the pinned packages, and tests it there.
+//! `cargo xtask python`: installs the Python package into an environment of its own as a user
+//! does, with the pinned packages, and tests it there. `cargo test` runs the same tests on the
+//! library of its own build, without a wheel.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -17,50 +18,31 @@ const OLDEST: [u32; 2] = [3, 11];
 
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Test it with Stable-Baselines3 and torch, too, which are about 1 GB to download, and train
-    /// the policies of the worked example
+    /// Test it with Stable-Baselines3, too, whose torch takes about 6 GB of disk
     #[arg(long)]
     sb3: bool,
-    /// Build it as users install it; without, it is built like the tests, whose compiled
-    /// dependencies it shares
-    #[arg(long)]
-    release: bool,
     /// The Python to test it with, 3.11 or newer
     #[arg(long, value_name = "PROGRAM", default_value = "python3")]
     python: String,
-}
-
-impl Args {
-    /// Returns the arguments of the check that CI runs.
-    #[expect(dead_code, reason = "CI calls it once it is part of it")]
-    pub(crate) fn short() -> Self {
-        Self { sb3: false, release: false, python: "python3".into() }
-    }
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
     check_version(&args.python)?;
     let folder = target_folder().join("python-package");
     let python = environment(&args.python, &folder)?;
-    let (profile, built) = if args.release { ("release", "release") } else { ("dev", "debug") };
-    // To compare with.
-    let build = format!("build --package sim-host --bin sim-host --profile {profile}");
-    Step::new("sim-host", env!("CARGO"), &build).run()?;
-    let sim_host = target_folder().join(built).join("sim-host");
-    let sim_host = sim_host.display().to_string();
+    // To compare with. By the name that the rustup of this repository's toolchain gives it.
+    Step::new("sim-host", "cargo", "build --release --package sim-host --bin sim-host").run()?;
+    let sim_host = target_folder().join("release/sim-host").display().to_string();
 
     let python = python.to_str().context("the path of this repository is not UTF-8")?;
     let step = |name, args: &str| Step::new(name, python, args).within(FOLDER);
     let pip = "-m pip --disable-pip-version-check install --quiet";
     step("packages", &format!("{pip} --requirement requirements.txt")).run()?;
     if args.sb3 {
-        // Without what torch lists for graphics cards, which are some gigabytes more.
-        step("torch", &format!("{pip} --no-deps --requirement requirements-torch.txt")).run()?;
         step("packages for SB3", &format!("{pip} --requirement requirements-sb3.txt")).run()?;
     }
     // As a user installs it, but by the maturin that is there.
     step("package", &format!("{pip} --no-build-isolation --no-deps --force-reinstall ."))
-        .with_env("MATURIN_PEP517_ARGS", format!("--profile {profile}"))
         .with_env("PATH", search_path(&folder)?)
         .run()?;
     step("tests", "-m pytest --quiet -p no:cacheprovider tests")

@@ -5,7 +5,6 @@ mod bench;
 mod columns;
 mod compare;
 mod config;
-mod env;
 mod eval;
 mod export;
 mod import;
@@ -53,8 +52,6 @@ enum Command {
     Plot(plot::Arguments),
     /// Write a policy's actor as safetensors, ONNX or C
     Export(export::Arguments),
-    /// Serve the training environment to another program, line by line
-    Env(env::Arguments),
     /// Measure the speed of training
     Bench(bench::Arguments),
 }
@@ -137,7 +134,6 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Import(arguments) => pool()?.install(|| import::run(arguments)),
         Command::Plot(arguments) => plot::run(arguments),
         Command::Export(arguments) => export::run(arguments),
-        Command::Env(arguments) => env::run(arguments),
         Command::Bench(arguments) => pool()?.install(|| bench::run(arguments)),
     }
 }

@@ -2,7 +2,6 @@
 
 mod c;
 mod c_firmware;
-mod environment;
 mod exchange;
 mod import;
 mod python;
