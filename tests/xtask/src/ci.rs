@@ -48,7 +48,7 @@ fn in_front(skipped: &Path) -> Vec<Step> {
         // All targets: this compiles the benches too.
         cargo("lints", "clippy --workspace --all-targets -- -D warnings"),
         cargo("documentation", "doc --workspace --no-deps").with_env("RUSTDOCFLAGS", "-D warnings"),
-        cargo("tests, doctests", "test --workspace")
+        cargo("tests, doctests", "test --workspace --no-fail-fast")
             .with_env("LEG_REQUIRE", required())
             .with_env("LEG_PYTHON", setup::python().display().to_string())
             .with_env("LEG_SKIPPED", skipped.display().to_string()),
