@@ -18,7 +18,8 @@ use std::rc::Rc;
 
 /// The supported operations, for messages.
 const KNOWN: &str = "Add, BatchNormalization, Cast, Clip, Constant, Div, Dropout, Elu, Erf, Exp, \
-                     Expand, Flatten, Gelu, Gemm, Greater, Identity, LeakyRelu, Less, MatMul, Max, \
+                     Expand, Flatten, Gelu, Gemm, Greater, GreaterOrEqual, Identity, LeakyRelu, Less, \
+                     LessOrEqual, MatMul, Max, \
                      Min, Mul, Neg, Pow, Reciprocal, Relu, Reshape, Sigmoid, Sqrt, Sub, Swish, \
                      Tanh, Transpose, Where, Scaler of ai.onnx.ml, FusedGemm of com.microsoft";
 /// The activations of a `FusedGemm`, for messages.
@@ -33,8 +34,8 @@ pub(super) enum Edge<'a> {
     Stored(&'a Tensor),
     Constant(Rc<Constant>),
     Signal(Signal),
-    /// The shape of rows of this width.
-    Shape(usize),
+    /// The shape of rows of this width, or a part of a shape.
+    Shape(Option<usize>),
     /// An unsupported value, and the reason.
     Other(Rc<str>),
 }
@@ -157,11 +158,25 @@ impl<'a> Walk<'a> {
                 signal()?.dense(shape, weights.finite()?.f32s(), vec![0.0; shape[0]])
             }
             "BatchNormalization" => self.batch_normalisation(node, signal()?),
-            "Shape" => return Ok(Edge::Shape(signal()?.width())),
-            "Expand" => self.expand(node, signal()?),
+            "Shape" => return Ok(Edge::Shape(Some(signal()?.width()))),
+            "Gather" | "Concat" | "Slice" | "Squeeze" | "Unsqueeze"
+                if self.is_of_shapes(node)? =>
+            {
+                return Ok(Edge::Shape(None));
+            }
+            "Expand" => match first()? {
+                Edge::Signal(signal) => self.expand(node, signal),
+                // A number in as many places as there are sums.
+                _ => {
+                    let constant = self.constant(node, 0)?.ok_or("its input is missing")?;
+                    constant.uniform()?;
+                    return Ok(Edge::Constant(constant));
+                }
+            },
             "Clip" => self.clip(node, signal()?),
             "Where" => self.choice(node),
-            "Add" | "Sub" | "Mul" | "Div" | "Pow" | "Max" | "Min" | "Greater" | "Less" => {
+            "Add" | "Sub" | "Mul" | "Div" | "Pow" | "Max" | "Min" | "Greater"
+            | "GreaterOrEqual" | "Less" | "LessOrEqual" => {
                 return self.of_two(node);
             }
             op => match function(op, node) {
@@ -228,6 +243,8 @@ impl<'a> Walk<'a> {
             "Max" => f64::max,
             "Min" => f64::min,
             "Greater" => |a, b| f64::from(a > b),
+            "GreaterOrEqual" => |a, b| f64::from(a >= b),
+            "LessOrEqual" => |a, b| f64::from(a <= b),
             _ => |a, b| f64::from(a < b),
         };
         let missing = "an input is missing";
@@ -316,7 +333,7 @@ impl<'a> Walk<'a> {
     fn expand(&self, node: &Node, signal: Signal) -> Result<Signal, String> {
         let width = signal.width();
         let fits = match self.edge(node, 1)? {
-            Some(Edge::Shape(of)) => of == width,
+            Some(Edge::Shape(of)) => of == Some(width),
             Some(Edge::Stored(tensor)) => match integers(tensor)?[..] {
                 [w] | [1, w] => w == 1 || usize::try_from(w).is_ok_and(|w| w == width),
                 _ => false,
@@ -327,11 +344,11 @@ impl<'a> Walk<'a> {
     }
 
     fn gemm(&self, node: &Node, signal: Signal) -> Result<Signal, String> {
-        for (name, wanted) in [("alpha", 1.0), ("beta", 1.0)] {
-            if let Some(x) = attribute(node, name).and_then(|a| a.f).filter(|&x| x != wanted) {
-                return Err(format!("{name} {x}, expected {wanted}"));
-            }
-        }
+        let factor = |name: &str| match attribute(node, name).and_then(|a| a.f) {
+            Some(x) if !x.is_finite() => Err(format!("{name} {x}, expected a finite number")),
+            other => Ok(f64::from(other.unwrap_or(1.0))),
+        };
+        let (alpha, beta) = (factor("alpha")?, factor("beta")?);
         let flag = |name: &str| attribute(node, name).and_then(|a| a.i).unwrap_or(0) != 0;
         if flag("transA") {
             return Err("transA, expected the observation by rows".into());
@@ -342,11 +359,23 @@ impl<'a> Walk<'a> {
         }
         let [outputs, inputs] = weights.matrix()?;
         let bias = match self.constant(node, 2)? {
-            Some(bias) => bias.finite()?.spread_over(outputs)?,
-            None => vec![0.0; outputs],
+            // A factor of 0 leaves the bias out, as jax2onnx writes a product without one.
+            Some(bias) if beta != 0.0 => bias.finite()?.spread_over(outputs)?,
+            _ => vec![0.0; outputs],
         };
-        let bias = bias.into_iter().map(|x| x as f32).collect();
-        signal.dense([outputs, inputs], weights.finite()?.f32s(), bias)
+        let bias = bias.into_iter().map(|x| (beta * x) as f32).collect();
+        let weights = weights.finite()?.map(|w| alpha * w)?;
+        signal.dense([outputs, inputs], weights.f32s(), bias)
+    }
+
+    /// Returns whether an input is a shape or a part of one.
+    fn is_of_shapes(&self, node: &Node) -> Result<bool, String> {
+        for index in 0..node.input.len() {
+            if let Some(Edge::Shape(_)) = self.edge(node, index)? {
+                return Ok(true);
+            }
+        }
+        Ok(false)
     }
 
     /// Evaluates a Gemm with an activation behind it, as ONNX Runtime writes it when it

@@ -71,6 +71,8 @@ fn one_activation_is_read_in_all_its_spellings() {
             &[
                 &["Mul a tenth > s", "Max a s > b"],
                 &["Less a zero > n", "Mul tenth a > s", "Where n s a > b"],
+                &["GreaterOrEqual a zero > p", "Mul tenth a > s", "Where p a s > b"],
+                &["LessOrEqual a zero > n", "Mul tenth a > s", "Where n s a > b"],
             ],
         ),
         (
@@ -78,7 +80,19 @@ fn one_activation_is_read_in_all_its_spellings() {
             &[
                 &["Elu a > b"],
                 &["Exp a > e", "Sub e one > f", "Greater a zero > p", "Where p a f > b"],
-                // As JAX writes it: exp of what is not positive.
+                // As jax2onnx writes it, with zeros in the shape of the sums.
+                &[
+                    "Greater a zero > p",
+                    "Shape a > s",
+                    "Gather s half > g",
+                    "Concat g g > k",
+                    "Expand zero k > z",
+                    "Where p z a > n",
+                    "Exp n > e",
+                    "Sub e one > f",
+                    "Where p a f > b",
+                ],
+                // exp of what is not positive.
                 &["Min a zero > n", "Exp n > e", "Sub e one > f", "Max a zero > p", "Add p f > b"],
             ],
         ),
@@ -233,6 +247,24 @@ fn normalisations_of_fixed_statistics_are_taken_into_the_actor() {
     let training = ["BatchNormalization:training_mode=1 obs gain shift middle variance > x"];
     let error = read(&with_network(&training, &["Identity t > act"])).unwrap_err();
     assert!(error.contains("in training mode"), "{error}");
+}
+
+#[test]
+fn the_factors_of_a_gemm_are_taken_into_its_weights() {
+    let read = |alpha: f32, beta: f32| {
+        let nodes = with_network(&["Identity obs > x"], &["Identity t > act"]);
+        let mut decoded = Model::decode(model(&nodes, numbers()).as_slice()).unwrap();
+        let nodes = &mut decoded.graph.as_mut().unwrap().node;
+        let gemm = nodes.iter_mut().find(|n| n.output[0] == "a").unwrap();
+        gemm.attribute.extend([float("alpha", alpha), float("beta", beta)]);
+        import(&decoded.encode_to_vec(), &OnnxOptions::default()).map_err(|e| e.to_string())
+    };
+    let layer = &read(2.0, 0.5).unwrap().layers[0];
+    assert_eq!(layer.weights, [2.0, 1.0, 0.5, -2.0, 4.0, 6.0]);
+    assert_eq!(layer.bias, [0.0625, -0.25]);
+    // jax2onnx adds the bias by a node of its own.
+    assert_eq!(read(1.0, 0.0).unwrap().layers[0].bias, [0.0; 2]);
+    assert!(read(f32::INFINITY, 1.0).unwrap_err().contains("alpha inf, expected a finite number"));
 }
 
 #[test]
