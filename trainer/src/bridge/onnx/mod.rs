@@ -1,6 +1,8 @@
 //! ONNX: an actor as a graph, with scalings and clip.
 
+mod arithmetic;
 mod curve;
+mod function;
 mod proto;
 mod read;
 mod signal;

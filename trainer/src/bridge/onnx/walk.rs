@@ -4,7 +4,7 @@
 //! edge is a constant, a [`Signal`] between observation and action, or an unsupported value. Of
 //! the last only the reason is stored: it matters only where an output depends on it.
 
-use super::curve;
+use super::function::{FUSED, elu, function, fused_alpha, leaky_relu};
 use super::proto::{Attribute, DOUBLE, FLOAT, Graph, Node, Tensor};
 use super::read::label;
 use super::signal::{Input, Signal, Step};
@@ -18,12 +18,10 @@ use std::rc::Rc;
 
 /// The supported operations, for messages.
 const KNOWN: &str = "Add, BatchNormalization, Cast, Clip, Constant, Div, Dropout, Elu, Erf, Exp, \
-                     Expand, Flatten, Gelu, Gemm, Greater, GreaterOrEqual, Identity, LeakyRelu, Less, \
-                     LessOrEqual, MatMul, Max, \
-                     Min, Mul, Neg, Pow, Reciprocal, Relu, Reshape, Sigmoid, Sqrt, Sub, Swish, \
-                     Tanh, Transpose, Where, Scaler of ai.onnx.ml, FusedGemm of com.microsoft";
-/// The activations of a `FusedGemm`, for messages.
-const FUSED: &str = "Elu, LeakyRelu, Relu, Sigmoid, Tanh";
+                     Expand, Flatten, Gelu, Gemm, Greater, GreaterOrEqual, Identity, LeakyRelu, \
+                     Less, LessOrEqual, MatMul, Max, Min, Mul, Neg, Pow, Reciprocal, Relu, \
+                     Reshape, Sigmoid, Sqrt, Sub, Swish, Tanh, Transpose, Where, Scaler of \
+                     ai.onnx.ml, FusedGemm of com.microsoft";
 /// First operator set in which Dropout has no attribute `is_test`.
 const DROPOUT_WITHOUT_TEST: i64 = 7;
 
@@ -164,15 +162,15 @@ impl<'a> Walk<'a> {
             {
                 return Ok(Edge::Shape(None));
             }
-            "Expand" => match first()? {
-                Edge::Signal(signal) => self.expand(node, signal),
-                // A number in as many places as there are sums.
-                _ => {
-                    let constant = self.constant(node, 0)?.ok_or("its input is missing")?;
-                    constant.uniform()?;
-                    return Ok(Edge::Constant(constant));
+            "Expand" => {
+                if let Edge::Signal(signal) = first()? {
+                    return self.expand(node, signal).map(Edge::Signal);
                 }
-            },
+                // A number in as many places as there are sums.
+                let constant = self.constant(node, 0)?.ok_or("its input is missing")?;
+                constant.uniform()?;
+                return Ok(Edge::Constant(constant));
+            }
             "Clip" => self.clip(node, signal()?),
             "Where" => self.choice(node),
             "Add" | "Sub" | "Mul" | "Div" | "Pow" | "Max" | "Min" | "Greater"
@@ -188,7 +186,7 @@ impl<'a> Walk<'a> {
     }
 
     /// Returns an input; `None` where it is left out.
-    fn edge(&self, node: &Node, index: usize) -> Result<Option<Edge<'a>>, String> {
+    pub(super) fn edge(&self, node: &Node, index: usize) -> Result<Option<Edge<'a>>, String> {
         match node.input.get(index).map(String::as_str) {
             None | Some("") => Ok(None),
             Some(name) => match self.edges.get(name) {
@@ -199,7 +197,11 @@ impl<'a> Walk<'a> {
     }
 
     /// Returns an input that must be a constant; `None` where it is left out.
-    fn constant(&self, node: &Node, index: usize) -> Result<Option<Rc<Constant>>, String> {
+    pub(super) fn constant(
+        &self,
+        node: &Node,
+        index: usize,
+    ) -> Result<Option<Rc<Constant>>, String> {
         match self.edge(node, index)? {
             None => Ok(None),
             Some(Edge::Constant(constant)) => Ok(Some(constant)),
@@ -208,139 +210,6 @@ impl<'a> Walk<'a> {
                 .map_err(|why| format!("tensor {:?}: {why}", tensor.name)),
             Some(_) => Err(format!("its input {index} is computed, expected a constant")),
         }
-    }
-
-    /// Applies a function to a computed value or a constant.
-    fn of_one(&self, node: &Node, op: &str, f: Function) -> Result<Edge<'a>, String> {
-        match self.edge(node, 0)?.ok_or("its input is missing")? {
-            // The only function of an observation that is a scaling.
-            Edge::Signal(signal @ Signal::Observation(_)) if op == "Neg" => {
-                signal.step(Step::Mul, &Constant::scalar(-1.0)?).map(Edge::Signal)
-            }
-            Edge::Signal(signal @ Signal::Action(..)) if op == "Neg" => {
-                signal.step(Step::Mul, &Constant::scalar(-1.0)?).map(Edge::Signal)
-            }
-            Edge::Signal(signal) => signal.elementwise(op, f).map(Edge::Signal),
-            _ => {
-                let constant = self.constant(node, 0)?.ok_or("its input is missing")?;
-                Ok(Edge::Constant(Rc::new(constant.map(f)?)))
-            }
-        }
-    }
-
-    /// Applies an operation to two values, each computed or constant.
-    fn of_two(&self, node: &Node) -> Result<Edge<'a>, String> {
-        if node.input.len() != 2 {
-            return Err(format!("{} inputs, expected 2", node.input.len()));
-        }
-        let op = node.op_type.as_str();
-        let f: fn(f64, f64) -> f64 = match op {
-            "Add" => |a, b| a + b,
-            "Sub" => |a, b| a - b,
-            "Mul" => |a, b| a * b,
-            "Div" => |a, b| a / b,
-            "Pow" => f64::powf,
-            "Max" => f64::max,
-            "Min" => f64::min,
-            "Greater" => |a, b| f64::from(a > b),
-            "GreaterOrEqual" => |a, b| f64::from(a >= b),
-            "LessOrEqual" => |a, b| f64::from(a <= b),
-            _ => |a, b| f64::from(a < b),
-        };
-        let missing = "an input is missing";
-        let constant = |index| self.constant(node, index)?.ok_or_else(|| missing.to_owned());
-        let signal = match (self.edge(node, 0)?, self.edge(node, 1)?) {
-            (Some(Edge::Signal(a)), Some(Edge::Signal(b))) => a.with(b, op, f)?,
-            (Some(Edge::Signal(signal)), _) => {
-                let by = constant(1)?;
-                match op {
-                    "Add" => signal.step(Step::Add, by.finite()?)?,
-                    "Sub" => signal.step(Step::Sub, by.finite()?)?,
-                    "Mul" => signal.step(Step::Mul, by.finite()?)?,
-                    "Div" => signal.step(Step::Div, by.finite()?)?,
-                    "Max" => signal.at_least(&by)?,
-                    "Min" => signal.at_most(&by)?,
-                    _ => {
-                        let by = by.uniform()?;
-                        signal.elementwise(op, |x| f(x, by))?
-                    }
-                }
-            }
-            (_, Some(Edge::Signal(signal))) => {
-                let by = constant(0)?;
-                match op {
-                    "Add" => signal.step(Step::Add, by.finite()?)?,
-                    "Mul" => signal.step(Step::Mul, by.finite()?)?,
-                    // A constant minus x is -x plus the constant.
-                    "Sub" => signal
-                        .step(Step::Mul, &Constant::scalar(-1.0)?)?
-                        .step(Step::Add, by.finite()?)?,
-                    "Max" => signal.at_least(&by)?,
-                    "Min" => signal.at_most(&by)?,
-                    _ => {
-                        let by = by.uniform()?;
-                        signal.elementwise(op, |x| f(by, x))?
-                    }
-                }
-            }
-            _ => {
-                let folded = constant(0)?.with(&*constant(1)?, f)?;
-                return Ok(Edge::Constant(Rc::new(folded)));
-            }
-        };
-        Ok(Edge::Signal(signal))
-    }
-
-    /// Evaluates a choice between two functions of the same sums.
-    fn choice(&self, node: &Node) -> Result<Signal, String> {
-        let computed = |index| match self.edge(node, index)? {
-            Some(Edge::Signal(signal)) => Ok(Some(signal)),
-            Some(_) => Ok::<_, String>(None),
-            None => Err("an input is missing".into()),
-        };
-        let condition = computed(0)?.ok_or("its condition is a constant")?;
-        // A constant is the same for every sum.
-        let value = |index| {
-            if let Some(signal) = computed(index)? {
-                return Ok(signal);
-            }
-            let x = self.constant(node, index)?.ok_or("an input is missing")?.uniform()?;
-            condition.clone().elementwise("Where", |_| x)
-        };
-        let (yes, no) = (value(1)?, value(2)?);
-        condition.choose(yes, no)
-    }
-
-    /// Evaluates a normalisation with fixed statistics.
-    fn batch_normalisation(&self, node: &Node, signal: Signal) -> Result<Signal, String> {
-        let training = attribute(node, "training_mode").and_then(|a| a.i).unwrap_or(0) != 0;
-        if training || node.output.iter().skip(1).any(|name| !name.is_empty()) {
-            return Err("in training mode; export the actor in evaluation mode".into());
-        }
-        let number = |index, name: &str| {
-            self.constant(node, index)?.ok_or_else(|| format!("its {name} is missing"))
-        };
-        let (scale, shift) = (number(1, "scale")?, number(2, "shift")?);
-        let (mean, variance) = (number(3, "mean")?, number(4, "variance")?);
-        let epsilon = attribute(node, "epsilon").and_then(|a| a.f).unwrap_or(1e-5);
-        let deviation = variance.map(|v| (v + f64::from(epsilon)).sqrt())?;
-        let scale = scale.with(&deviation, |s, d| s / d)?;
-        let shift = shift.with(&mean.with(&scale, |m, s| m * s)?, |b, ms| b - ms)?;
-        signal.normalised(scale.finite()?, shift.finite()?)
-    }
-
-    /// Accepts an Expand to the shape that the rows have already.
-    fn expand(&self, node: &Node, signal: Signal) -> Result<Signal, String> {
-        let width = signal.width();
-        let fits = match self.edge(node, 1)? {
-            Some(Edge::Shape(of)) => of == Some(width),
-            Some(Edge::Stored(tensor)) => match integers(tensor)?[..] {
-                [w] | [1, w] => w == 1 || usize::try_from(w).is_ok_and(|w| w == width),
-                _ => false,
-            },
-            _ => false,
-        };
-        if fits { Ok(signal) } else { Err(format!("to something other than rows of {width}")) }
     }
 
     fn gemm(&self, node: &Node, signal: Signal) -> Result<Signal, String> {
@@ -366,16 +235,6 @@ impl<'a> Walk<'a> {
         let bias = bias.into_iter().map(|x| (beta * x) as f32).collect();
         let weights = weights.finite()?.map(|w| alpha * w)?;
         signal.dense([outputs, inputs], weights.f32s(), bias)
-    }
-
-    /// Returns whether an input is a shape or a part of one.
-    fn is_of_shapes(&self, node: &Node) -> Result<bool, String> {
-        for index in 0..node.input.len() {
-            if let Some(Edge::Shape(_)) = self.edge(node, index)? {
-                return Ok(true);
-            }
-        }
-        Ok(false)
     }
 
     /// Evaluates a Gemm with an activation behind it, as ONNX Runtime writes it when it
@@ -450,51 +309,6 @@ impl<'a> Walk<'a> {
     }
 }
 
-/// A function of one number.
-type Function = Box<dyn Fn(f64) -> f64>;
-
-/// Returns the function of an operation with one input; `None` for any other operation.
-fn function(op: &str, node: &Node) -> Option<Result<Function, String>> {
-    let number = |name: &str| attribute(node, name).and_then(|a| a.f);
-    Some(Ok(match op {
-        "Relu" => Box::new(|x: f64| x.max(0.0)),
-        "LeakyRelu" => leaky_relu(number("alpha").unwrap_or(LEAKY_RELU_SLOPE)),
-        "Elu" => elu(number("alpha").unwrap_or(ELU_SCALE)),
-        "Tanh" => Box::new(f64::tanh),
-        "Sigmoid" => Box::new(curve::sigmoid),
-        "Swish" => {
-            let alpha = f64::from(number("alpha").unwrap_or(1.0));
-            Box::new(move |x| x * curve::sigmoid(alpha * x))
-        }
-        "Gelu" => match attribute(node, "approximate").and_then(|a| a.s.as_deref()) {
-            Some(b"tanh") => Box::new(curve::gelu_tanh),
-            None | Some(b"none") => Box::new(curve::gelu),
-            Some(other) => {
-                return Some(Err(format!("approximate \"{}\"", other.escape_ascii())));
-            }
-        },
-        "Erf" => Box::new(libm::erf),
-        "Exp" => Box::new(f64::exp),
-        "Neg" => Box::new(|x: f64| -x),
-        "Sqrt" => Box::new(f64::sqrt),
-        "Reciprocal" => Box::new(f64::recip),
-        _ => return None,
-    }))
-}
-
-fn leaky_relu(slope: f32) -> Function {
-    Box::new(move |x| if x > 0.0 { x } else { f64::from(slope) * x })
-}
-
-fn elu(scale: f32) -> Function {
-    Box::new(move |x| if x > 0.0 { x } else { f64::from(scale) * x.exp_m1() })
-}
-
-/// Returns the parameter of the activation of a `FusedGemm`.
-fn fused_alpha(node: &Node) -> Option<f32> {
-    attribute(node, "activation_alpha").and_then(|a| a.f)
-}
-
 /// Returns the value of a Constant node.
 fn constant(node: &Node) -> Result<Edge<'_>, String> {
     if let Some(tensor) = attribute(node, "value").and_then(|a| a.t.as_ref()) {
@@ -523,6 +337,6 @@ fn scaler(node: &Node, signal: Signal) -> Result<Signal, String> {
     }
 }
 
-fn attribute<'n>(node: &'n Node, name: &str) -> Option<&'n Attribute> {
+pub(super) fn attribute<'n>(node: &'n Node, name: &str) -> Option<&'n Attribute> {
     node.attribute.iter().find(|a| a.name == name)
 }
