@@ -16,6 +16,9 @@ const REPORT_EVERY: Duration = Duration::from_secs(1);
 /// What the loop notes of a safe state.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct SafeState {
+    /// Run that this is of, counted by the loop, and whether it has ended.
+    run: u64,
+    has_ended: bool,
     /// Samples under it; 0 where it does not hold.
     samples: u64,
     /// Samples among them that were refused.
@@ -57,6 +60,8 @@ pub(super) struct SafeStateWatch {
 pub(super) struct SafeStateReporter {
     input: Output<SafeState>,
     tick_ns: u64,
+    /// Run that `since` is of.
+    run: u64,
     /// When a safe state was last reported or, before, first seen; and its samples then.
     since: Option<(Instant, u64)>,
 }
@@ -73,7 +78,7 @@ pub(super) fn watch(rate_hz: u32) -> (SafeStateWatch, SafeStateReporter) {
         tick_ns,
         out,
     };
-    (watch, SafeStateReporter { input, tick_ns, since: None })
+    (watch, SafeStateReporter { input, tick_ns, run: 0, since: None })
 }
 
 impl SafeStateWatch {
@@ -134,25 +139,30 @@ impl SafeStateWatch {
         self.out.write(self.now);
     }
 
-    /// Forgets the run.
+    /// Notes that the run has ended, and forgets it.
     pub(super) fn restart(&mut self) {
-        self.now = SafeState::default();
+        self.out.write(SafeState { has_ended: true, ..self.now });
+        self.now = SafeState { run: self.now.run + 1, ..SafeState::default() };
         self.counts = Counts::default();
-        self.out.write(self.now);
     }
 }
 
 impl SafeStateReporter {
-    /// Returns a message once a second while the safe state holds and samples come.
+    /// Returns a message once a second while the safe state holds and samples come, and one at
+    /// the end of a run that ended in it before the next was due.
     pub(super) fn message(&mut self, now: Instant) -> Option<String> {
         let state = *self.input.read();
+        if state.run != self.run {
+            (self.run, self.since) = (state.run, None);
+        }
         let samples = state.samples.max(if state.odd >= ODD { state.odd } else { 0 });
         if samples == 0 {
             self.since = None;
             return None;
         }
         let (since, reported) = *self.since.get_or_insert((now, 0));
-        if now.duration_since(since) < REPORT_EVERY || samples <= reported {
+        let is_due = state.has_ended || now.duration_since(since) >= REPORT_EVERY;
+        if !is_due || samples <= reported {
             return None;
         }
         self.since = Some((now, samples));
@@ -168,7 +178,7 @@ struct Explained {
 
 impl fmt::Display for Explained {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let SafeState { samples, refused, last, odd, step_ns } = self.state;
+        let SafeState { samples, refused, last, odd, step_ns, .. } = self.state;
         if samples > 0 {
             write!(f, "safe state for {samples} samples: {refused} of them refused")?;
             match last {
@@ -275,6 +285,56 @@ mod tests {
         let message = reporter.message(start + REPORT_EVERY);
         assert_eq!(reporter.message(start + 3 * REPORT_EVERY), None, "no more samples came");
         message
+    }
+
+    /// Returns both ends after this many samples without contact.
+    fn refused(samples: u64) -> (SafeStateWatch, SafeStateReporter) {
+        let (mut watch, reporter) = watch(1000);
+        refuse(&mut watch, samples);
+        (watch, reporter)
+    }
+
+    fn refuse(watch: &mut SafeStateWatch, samples: u64) {
+        let mut controller =
+            WireController::new(Policy::parse(SHIPPED).unwrap(), Config::default());
+        for seq in 0..samples {
+            let header = Header {
+                version: WIRE_VERSION,
+                flags: flags::STATE_SENSED,
+                run_id: 1,
+                seq,
+                t_ns: seq * 1_000_000,
+            };
+            let sample = Sample { header, y_m: 2.0, ..Sample::default() };
+            let command = controller.tick(Some(&sample));
+            watch.note(Some(&sample), &command, controller.counts());
+        }
+    }
+
+    #[test]
+    fn a_run_that_ends_within_a_second_is_explained_at_its_end_and_once() {
+        let (mut watch, mut reporter) = refused(300);
+        let start = Instant::now();
+        assert_eq!(reporter.message(start), None);
+        watch.restart();
+        let message = reporter.message(start).unwrap();
+        assert!(message.contains("300 of them refused, the last: neither contact"), "{message}");
+        assert_eq!(reporter.message(start + 2 * REPORT_EVERY), None);
+    }
+
+    #[test]
+    fn a_shorter_run_after_a_longer_one_is_explained_too() {
+        let (mut watch, mut reporter) = refused(300);
+        let start = Instant::now();
+        assert_eq!(reporter.message(start), None);
+        assert!(reporter.message(start + REPORT_EVERY).is_some());
+        watch.restart();
+        assert_eq!(reporter.message(start + REPORT_EVERY), None, "it was reported");
+        refuse(&mut watch, 200);
+        let start = start + REPORT_EVERY;
+        assert_eq!(reporter.message(start), None);
+        let message = reporter.message(start + REPORT_EVERY).unwrap();
+        assert!(message.contains("safe state for 200 samples"), "{message}");
     }
 
     #[test]
