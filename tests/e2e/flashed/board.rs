@@ -18,7 +18,7 @@ pub(crate) const RATE_HZ: u32 = 1_000;
 /// Gravity in all tests here, m/s2.
 pub(crate) const GRAVITY_M_S2: f32 = 9.81;
 /// The emulator answers within a millisecond; a test machine may be busy.
-const PATIENCE: Duration = Duration::from_secs(20);
+pub(crate) const PATIENCE: Duration = Duration::from_secs(20);
 
 /// Returns how many ticks a test plays: `usual`, or `LEG_HIL_TICKS` if that is more.
 pub(crate) fn ticks(usual: u64) -> u64 {
@@ -122,5 +122,17 @@ impl Flashed {
 
     pub(crate) fn status(&mut self) -> Status {
         self.client.status().expect("a status")
+    }
+
+    /// Returns the status as soon as the sample with number `seq` was used.
+    pub(crate) fn status_after(&mut self, seq: u64) -> Status {
+        let begun = Instant::now();
+        loop {
+            let status = self.status();
+            if status.run.last.is_some_and(|tick| tick.seq >= seq) {
+                return status;
+            }
+            assert!(begun.elapsed() < PATIENCE, "sample {seq} was not used: {status:?}");
+        }
     }
 }

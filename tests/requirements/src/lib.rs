@@ -39,6 +39,8 @@ pub enum Requirement {
     ArmGcc,
     /// A Python with the packages of `tests/requirements.txt`, named by `LEG_PYTHON`.
     Python,
+    /// Stable-Baselines3, with PyTorch, in the Python that `LEG_PYTHON` names.
+    Sb3,
     /// The folder with the authors' published data (doi 10.5281/zenodo.4607469).
     Reference,
     /// The browser Chromium, under any of the names that distributions give it.
@@ -57,13 +59,14 @@ pub enum Requirement {
 
 impl Requirement {
     /// Every requirement there is.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Qemu,
         Self::Gcc,
         Self::Gxx,
         Self::Clang,
         Self::ArmGcc,
         Self::Python,
+        Self::Sb3,
         Self::Reference,
         Self::Chromium,
         Self::Ptrace,
@@ -83,6 +86,7 @@ impl Requirement {
             Self::Clang => "clang",
             Self::ArmGcc => "arm-gcc",
             Self::Python => "python",
+            Self::Sb3 => "sb3",
             Self::Reference => "reference",
             Self::Chromium => "chromium",
             Self::Ptrace => "ptrace",
@@ -197,6 +201,17 @@ pub fn python() -> Option<PathBuf> {
     Requirement::Python.check(named.ok_or_else(|| {
         "LEG_PYTHON names no Python with the packages of tests/requirements.txt".into()
     }))
+}
+
+/// Returns whether this Python has Stable-Baselines3.
+#[must_use]
+pub fn sb3(python: &Path) -> bool {
+    let mut command = Command::new(python);
+    command.args(["-c", "import stable_baselines3"]);
+    command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    let has = command.status().is_ok_and(|status| status.success());
+    let found = if has { Ok(()) } else { Err("stable_baselines3 is not installed".to_owned()) };
+    Requirement::Sb3.check(found).is_some()
 }
 
 /// Returns the name of the browser.

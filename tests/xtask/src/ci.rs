@@ -18,10 +18,11 @@ const HIL_TICKS: u64 = 4_000;
 const PACKAGES: &str = "package -p leg-kernel-m4f -p leg-control -p leg-plant";
 
 /// Requirements that `cargo xtask setup` installs.
-const INSTALLED: [Requirement; 6] = [
+const INSTALLED: [Requirement; 7] = [
     Requirement::Qemu,
     Requirement::Gcc,
     Requirement::Gxx,
+    Requirement::Clang,
     Requirement::ArmGcc,
     Requirement::Python,
     Requirement::Chromium,

@@ -34,9 +34,10 @@ const EMULATION: [Program; 2] = [
 
 /// The compilers for the exported policies, the Python for the bridge to it, and the browser
 /// that lays out the report.
-const TESTS: [Program; 6] = [
+const TESTS: [Program; 7] = [
     program(&["gcc"], "gcc"),
     program(&["g++"], "g++"),
+    program(&["clang"], "clang"),
     program(&["arm-none-eabi-gcc"], "gcc-arm-none-eabi"),
     program(&["python3"], "python3"),
     // Debian's python3 makes no virtual environment without it.

@@ -1,8 +1,7 @@
 //! The exported C is compiled and run, and must give the bits of the controller's actor.
 
-use leg_control::actor::{
-    Activation, Activations, Actor, Observation, ObservationScaling, OutputActivation,
-};
+use crate::activations::actors;
+use leg_control::actor::{Activations, Actor, Observation, ObservationScaling};
 use leg_control::policy::{Policy, SHIPPED};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -253,26 +252,10 @@ fn every_activation_has_the_bits_of_the_controller() {
     if !requirements::gcc() {
         return;
     }
-    let shipped = Policy::parse(SHIPPED).unwrap();
     let observations = observations(&mut Pcg64::seed_from_u64(12), 20_000);
-    let hidden = [
-        Activation::Relu,
-        Activation::LeakyRelu(0.01),
-        Activation::Elu(1.25),
-        Activation::Tanh,
-        Activation::Silu,
-        Activation::GeluTanh,
-    ];
-    for hidden in hidden {
-        for output in [OutputActivation::Tanh, OutputActivation::Linear] {
-            let activations = Activations { hidden, output };
-            let packed = PackedActor { activations, ..PackedActor::from(&shipped) };
-            let card = ModelCard::from(&shipped);
-            let manifest = card.manifest(&packed);
-            let blob = blob_with_manifest(&manifest, &packed.weights).unwrap();
-            let policy = Policy::parse(blob.as_slice()).unwrap();
-            agree(&policy, &observations, "gcc", &["-std=c99", "-O2"]);
-        }
+    for (_, blob) in actors() {
+        let policy = Policy::parse(blob.as_slice()).unwrap();
+        agree(&policy, &observations, "gcc", &["-std=c99", "-O2"]);
     }
 }
 

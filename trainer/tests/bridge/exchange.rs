@@ -1,7 +1,7 @@
 //! Export and import of policies by safetensors and ONNX, with files of other programs and
 //! damaged files.
 
-use leg_control::actor::{Activation, Activations, OutputActivation};
+use crate::activations::actors;
 use leg_control::policy::{Policy, SHIPPED};
 use leg_process::policy_file::AlignedBytes;
 use rand::{RngExt, SeedableRng};
@@ -12,11 +12,11 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::process::{Command, Output};
 use trainer::bridge::imported::{ImportOptions, ImportedActor};
-use trainer::bridge::model_card::{KEY, ModelCard};
+use trainer::bridge::model_card::KEY;
 use trainer::bridge::onnx::OnnxOptions;
 use trainer::bridge::safetensors::StateDictOptions;
 use trainer::bridge::{ImportError, onnx, safetensors as st};
-use trainer::policy::{PackedActor, blob_with_manifest};
+use trainer::policy::PackedActor;
 
 fn shipped() -> Policy<'static> {
     Policy::parse(SHIPPED).unwrap()
@@ -49,32 +49,17 @@ fn an_import_restores_the_exported_policy_bit_for_bit() {
 
 #[test]
 fn every_activation_survives_both_formats() {
-    let shipped = shipped();
-    let hidden = [
-        Activation::LeakyRelu(0.2),
-        Activation::Elu(1.5),
-        Activation::Tanh,
-        Activation::Silu,
-        Activation::GeluTanh,
-    ];
-    for hidden in hidden {
-        for output in [OutputActivation::Tanh, OutputActivation::Linear] {
-            let activations = Activations { hidden, output };
-            let packed = PackedActor { activations, ..PackedActor::from(&shipped) };
-            let card = ModelCard::from(&shipped);
-            let manifest = card.manifest(&packed);
-            let blob = blob_with_manifest(&manifest, &packed.weights).unwrap();
-            let policy = Policy::parse(blob.as_slice()).unwrap();
-            let read = [
-                st::import(&st::export(&policy), &StateDictOptions::default()),
-                onnx::import(&onnx::export(&policy), &OnnxOptions::default()),
-            ];
-            for imported in read {
-                let complete = imported.unwrap().complete(&ImportOptions::default()).unwrap();
-                assert_eq!(complete.actor, packed);
-                let card = complete.card.expect("the actor is that of the card");
-                assert_eq!(card.policy(&complete.actor).unwrap().as_slice(), blob.as_slice());
-            }
+    for (packed, blob) in actors() {
+        let policy = Policy::parse(blob.as_slice()).unwrap();
+        let read = [
+            st::import(&st::export(&policy), &StateDictOptions::default()),
+            onnx::import(&onnx::export(&policy), &OnnxOptions::default()),
+        ];
+        for imported in read {
+            let complete = imported.unwrap().complete(&ImportOptions::default()).unwrap();
+            assert_eq!(complete.actor, packed);
+            let card = complete.card.expect("the actor is that of the card");
+            assert_eq!(card.policy(&complete.actor).unwrap().as_slice(), blob.as_slice());
         }
     }
 }

@@ -1,5 +1,6 @@
 //! Actors and environments shared with other programs.
 
+mod activations;
 mod c;
 mod c_firmware;
 mod exchange;
