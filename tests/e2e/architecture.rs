@@ -7,7 +7,7 @@ use std::process::Command;
 use serde::Deserialize;
 
 /// Direct normal dependencies that each library may have.
-const ALLOWED: [(&str, &[&str]); 5] = [
+const ALLOWED: [(&str, &[&str]); 7] = [
     ("leg-kernel-m4f", &["heapless"]),
     (
         "leg-control",
@@ -29,6 +29,8 @@ const ALLOWED: [(&str, &[&str]); 5] = [
     ),
     ("leg-plant", &["libm", "serde", "smallvec", "thiserror"]),
     ("leg-charts", &["plotters"]),
+    ("leg-simd", &[]),
+    ("leg-ddpg", &["leg-simd", "libm", "rand", "rand_pcg", "serde"]),
     (
         "leg-recording",
         &["bytemuck", "leg-control", "lz4_flex", "mcap", "prost", "ruzstd", "thiserror"],
@@ -47,7 +49,7 @@ const ARROWS: [(&str, &[&str]); 9] = [
         "sim-host",
         &["leg-charts", "leg-control", "leg-host", "leg-plant", "leg-process", "leg-recording"],
     ),
-    ("trainer", &["leg-charts", "leg-control", "leg-plant", "leg-process"]),
+    ("trainer", &["leg-charts", "leg-control", "leg-ddpg", "leg-plant", "leg-process", "leg-simd"]),
     (
         "paper-figures",
         &[
@@ -152,7 +154,7 @@ fn packages_depend_on_each_other_one_way() {
 
 /// Most packages that the trainer may compile, itself among them. A new dependency that is
 /// worth it raises the number.
-const MOST_PACKAGES_OF_THE_TRAINER: usize = 99;
+const MOST_PACKAGES_OF_THE_TRAINER: usize = 101;
 
 #[test]
 fn the_trainer_compiles_few_packages_and_no_transport() {

@@ -12,11 +12,11 @@ use leg_control::policy::Policy;
 use std::error::Error;
 use std::fs;
 use std::path::PathBuf;
+use trainer::Isa;
 use trainer::bridge::{onnx, safetensors};
 use trainer::config::Length;
 use trainer::evaluate::report::Report;
 use trainer::preset::Preset;
-use trainer::simd::Isa;
 use trainer::train::Training;
 use trainer::trained::TrainedPolicy;
 

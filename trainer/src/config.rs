@@ -14,6 +14,7 @@ pub use randomisation::{Distribution, Parameter, Randomisation};
 pub use text::{ReadError, SetError};
 
 use leg_control::policy::GainPoint;
+use leg_ddpg::Critic;
 use serde::{Deserialize, Serialize};
 
 /// The configuration of a training: the agent, and the stages of its training.
@@ -77,21 +78,6 @@ pub struct Network {
     pub action_low: [f32; 2],
     /// Highest action of the environment: rad, m/s.
     pub action_high: [f32; 2],
-}
-
-/// The critic's architecture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Critic {
-    /// The paper's critic: the state passes 3-50 ReLU-50, the action 2-50; their sum passes a
-    /// ReLU and the output layer. The two layers that are added share one bias.
-    ActionAtSecondLayer,
-    /// A critic 5-50-50-1 on state and action.
-    #[serde(rename = "joint-50")]
-    Joint50,
-    /// A critic 5-100-100-1 on state and action.
-    #[serde(rename = "joint-100")]
-    Joint100,
 }
 
 /// The distribution of the initial weights.

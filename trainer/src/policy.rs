@@ -2,13 +2,13 @@
 
 use crate::config::Config;
 use crate::environment::leg_model;
-use crate::net::mlp::Layer;
 use leg_control::actor::{
     ActionScaling, Activations, Actor, ObservationScaling, PANEL_ROWS, ShapeError, Widths, pack,
 };
 use leg_control::policy::{
     GainPoint, GainSchedule, Manifest, Media, Policy, Provenance, WriteError, write,
 };
+use leg_ddpg::Layer;
 use leg_process::policy_file::AlignedBytes;
 
 /// An actor on its own: its weights in the controller's order, and its scalings.
@@ -196,8 +196,8 @@ pub fn blob_with_manifest(
 #[cfg(test)]
 mod tests {
     use super::PackedActor;
-    use crate::net::mlp::Layer;
     use leg_control::actor::{ActionScaling, Activations, ObservationScaling};
+    use leg_ddpg::Layer;
 
     #[test]
     fn unpacking_returns_the_layers_that_were_packed() {

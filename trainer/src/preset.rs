@@ -5,10 +5,11 @@
 //! 10.5281/zenodo.4607469) where these show them.
 
 use crate::config::{
-    Config, Critic, Distribution, Episode, Exploration, InitialWeights, Learning, Length,
-    MediumDraw, Network, Randomisation, Reward, Selection, Stage, Tolerance,
+    Config, Distribution, Episode, Exploration, InitialWeights, Learning, Length, MediumDraw,
+    Network, Randomisation, Reward, Selection, Stage, Tolerance,
 };
 use leg_control::policy::GainPoint;
+use leg_ddpg::Critic;
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_3, PI};
 
 /// A named configuration.

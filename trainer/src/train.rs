@@ -6,18 +6,14 @@ mod tests;
 
 pub use state::{StateError, TrainingState};
 
-use crate::config::{Config, Critic, InitialWeights, Length, Network};
-use crate::ddpg::{
-    ACTOR_HIDDEN, Agent, Ddpg, JointDdpg50, JointDdpg100, PaperDdpg, Rates, UnitOutput, Update,
-};
+use crate::config::{Config, InitialWeights, Length};
 use crate::environment::{Environment, Start};
 use crate::evaluate::selection::{Score, Selector};
 use crate::explore::Noise;
 use crate::failed_starts::FailedStarts;
-use crate::net::mlp::Layer;
 use crate::policy::PackedActor;
-use crate::replay::{Replay, Transition};
-use crate::simd::Isa;
+use leg_ddpg::{Agent, Layer, Rates, Replay, Shape, Transition, UnitOutput, Update};
+use leg_simd::Isa;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde::Serialize;
@@ -73,15 +69,15 @@ pub enum NotFinite {
     Reward(f64),
 }
 
-impl Update {
-    /// Returns the gradient norm that is not finite, if any.
+impl NotFinite {
+    /// Returns the gradient norm of an update that is not finite, if any.
     #[must_use]
-    pub fn not_finite(&self) -> Option<NotFinite> {
-        let (critic, actor) = (self.critic_gradient_norm, self.actor_gradient_norm);
+    pub fn of(update: &Update) -> Option<Self> {
+        let (critic, actor) = (update.critic_gradient_norm, update.actor_gradient_norm);
         if !critic.is_finite() {
-            return Some(NotFinite::CriticGradient(critic));
+            return Some(Self::CriticGradient(critic));
         }
-        (!actor.is_finite()).then_some(NotFinite::ActorGradient(actor))
+        (!actor.is_finite()).then_some(Self::ActorGradient(actor))
     }
 }
 
@@ -314,7 +310,7 @@ impl Training {
                 let update = self.agent.update(&self.replay, &rates, &mut self.batch_rng);
                 self.total_updates += 1;
                 self.latest_update = Some(update);
-                if let Some(value) = update.not_finite() {
+                if let Some(value) = NotFinite::of(&update) {
                     return diverged(self.total_steps, value);
                 }
             }
@@ -395,37 +391,20 @@ fn rates(config: &Config, steps: u64, length: Length) -> Rates {
 #[must_use]
 pub fn agent(config: &Config, isa: Isa, rng: &mut impl Rng) -> Box<dyn Agent> {
     let n = &config.network;
-    let output = UnitOutput { gain: n.output_gain, bound: n.output_bound };
-    let mut layer = |inputs, outputs| initial(n.initial_weights, inputs, outputs, rng);
-    let h = ACTOR_HIDDEN;
-    let mut actor = [layer(3, h), layer(h, h), layer(h, 2)];
+    let mut layer =
+        |[inputs, outputs]: [usize; 2]| initial(n.initial_weights, inputs, outputs, rng);
+    let mut actor = Shape::ACTOR_LAYERS.map(&mut layer);
     for x in actor[2].weights.iter_mut().chain(&mut actor[2].bias) {
         *x *= n.actor_last_layer;
     }
-    let critic = match n.critic {
-        Critic::ActionAtSecondLayer => [layer(3, 50), layer(52, 50), layer(50, 1)],
-        Critic::Joint50 => [layer(5, 50), layer(50, 50), layer(50, 1)],
-        Critic::Joint100 => [layer(5, 100), layer(100, 100), layer(100, 1)],
+    let critic = n.critic.layers().map(layer);
+    let shape = Shape {
+        critic: n.critic,
+        batch: config.learning.batch,
+        output: UnitOutput { gain: n.output_gain, bound: n.output_bound },
+        symmetric_actor: n.symmetric_actor,
     };
-    match (n.critic, config.learning.batch) {
-        (Critic::ActionAtSecondLayer, 32) => {
-            ready(n, PaperDdpg::<32>::new(isa, output, &actor, &critic))
-        }
-        (Critic::ActionAtSecondLayer, _) => {
-            ready(n, PaperDdpg::<64>::new(isa, output, &actor, &critic))
-        }
-        (Critic::Joint50, 32) => ready(n, JointDdpg50::<32>::new(isa, output, &actor, &critic)),
-        (Critic::Joint50, _) => ready(n, JointDdpg50::<64>::new(isa, output, &actor, &critic)),
-        (Critic::Joint100, 32) => ready(n, JointDdpg100::<32>::new(isa, output, &actor, &critic)),
-        (Critic::Joint100, _) => ready(n, JointDdpg100::<64>::new(isa, output, &actor, &critic)),
-    }
-}
-
-fn ready<const X: usize, const H: usize, const E: usize, const P: usize, const B: usize>(
-    network: &Network,
-    ddpg: Ddpg<X, H, E, P, B>,
-) -> Box<dyn Agent> {
-    Box::new(if network.symmetric_actor { ddpg.with_symmetric_actor() } else { ddpg })
+    leg_ddpg::agent(isa, &shape, &actor, &critic)
 }
 
 fn initial(kind: InitialWeights, inputs: usize, outputs: usize, rng: &mut impl Rng) -> Layer {

@@ -1,12 +1,12 @@
 //! A training that is resumed from a checkpoint equals one that was never interrupted.
 
 use std::path::Path;
+use trainer::Isa;
 use trainer::config::{Config, Length};
 use trainer::preset::Preset;
 use trainer::run::checkpoint::{Checkpoint, CheckpointWriter};
 use trainer::run::log::LogPosition;
 use trainer::run::recent::RecentEpisodes;
-use trainer::simd::Isa;
 use trainer::train::Training;
 
 fn checkpoint(training: &Training) -> Checkpoint {

@@ -51,7 +51,7 @@ fn trains_inspects_evaluates_and_infers() {
         }
     }
     assert_eq!(json["tracking"].as_array().unwrap().len(), 48);
-    for key in ["rho", "set_point", "mean_v", "oscillation", "fell"] {
+    for key in ["rho", "set_point", "mean_v", "oscillation", "friction", "fell"] {
         assert!(json["tracking"][0].get(key).is_some(), "{key}");
     }
     let elsewhere = json["conditions"].as_array().unwrap();

@@ -1,8 +1,8 @@
 //! Trainings with domain randomisation, and its configuration.
 
+use trainer::Isa;
 use trainer::config::{Config, Distribution, Length, Parameter, Randomisation};
 use trainer::preset::Preset;
-use trainer::simd::Isa;
 use trainer::train::{EpisodeRecord, Training};
 use trainer::trained::TrainedPolicy;
 

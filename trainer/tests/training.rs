@@ -1,9 +1,9 @@
 //! A training gives the same policy, bit for bit, on any CPU and number of threads.
 
+use trainer::Isa;
 use trainer::config::{Config, Length};
 use trainer::policy::{PolicyInfo, blob};
 use trainer::preset::Preset;
-use trainer::simd::Isa;
 use trainer::train::{EpisodeRecord, Training};
 
 fn short(preset: Preset, steps: u64) -> Config {

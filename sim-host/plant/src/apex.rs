@@ -8,13 +8,16 @@ use crate::leg::{Leg, ParameterError, check_positive};
 use crate::medium::Medium;
 use crate::pair::Pair;
 use crate::stance::{self, StanceEnd};
-use crate::taylor::{Field, State};
+use crate::taylor::{Field, Jet, State};
 
 /// Duration of a flight, s, above which the hop counts as a fall.
 pub const MAX_FLIGHT_S: f64 = 20.0;
 
 /// Number of stances after which a hop without an apex counts as a fall.
 pub const MAX_STANCES: u8 = 3;
+
+/// Number of parts of an integrator's step at whose ends [`Hopper::friction`] looks.
+const SAMPLES: u8 = 8;
 
 /// The state at an apex: the highest point of a hop, where the vertical velocity is 0.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -77,6 +80,13 @@ pub struct Hop {
     pub touchdown: Option<Touchdown>,
     /// Time of the first stance's lift-off, if there was one.
     pub liftoff_t_s: Option<f64>,
+}
+
+impl Hop {
+    /// Returns the course of a hop before its first stance; a fall until it ends otherwise.
+    const fn begun() -> Self {
+        Self { outcome: Outcome::Fall, stance_phases: 0, touchdown: None, liftoff_t_s: None }
+    }
 }
 
 /// A touchdown: the beginning of a stance.
@@ -162,12 +172,11 @@ impl Hopper {
     /// ground and a motion that overflows are falls.
     #[must_use]
     pub fn hop(&self, start: Apex, action: Action) -> Hop {
-        let mut hop =
-            Hop { outcome: Outcome::Fall, stance_phases: 0, touchdown: None, liftoff_t_s: None };
+        let mut hop = Hop::begun();
         let inputs =
             [start.vx_m_s, start.y_m, action.touchdown_angle_rad, action.elongation_speed_m_s];
         if inputs.iter().all(|x| x.is_finite())
-            && let Outcome::Apex(next) = self.simulate(start, action, &mut hop)
+            && let Outcome::Apex(next) = self.simulate(start, action, &mut hop, |_, _| ())
             && [next.t_s, next.x_m, next.vx_m_s, next.y_m].iter().all(|x| x.is_finite())
         {
             hop.outcome = Outcome::Apex(next);
@@ -175,8 +184,36 @@ impl Hopper {
         hop
     }
 
-    /// Alternates flights and stances, and records the first stance in `hop`.
-    fn simulate(&self, start: Apex, action: Action, hop: &mut Hop) -> Outcome {
+    /// Returns the coefficient of friction that the ground must have for this hop: the largest
+    /// horizontal over vertical force on the foot, which is that of the vector along the leg.
+    /// It is a lower bound, from [`SAMPLES`] instants of each step of the integrator; at
+    /// touchdown and lift-off it is exact. `None` if the hop is a fall.
+    #[must_use]
+    pub fn friction(&self, start: Apex, action: Action) -> Option<f64> {
+        let mut friction: f64 = 0.0;
+        let stances = |jet: &Jet, duration_s: f64| {
+            for sample in 0..=SAMPLES {
+                let Pair([x_m, y_m]) =
+                    jet.at(duration_s * f64::from(sample) / f64::from(SAMPLES)).position_m;
+                friction = friction.max(x_m.abs() / y_m);
+            }
+        };
+        let mut hop = Hop::begun();
+        match self.simulate(start, action, &mut hop, stances) {
+            Outcome::Apex(_) => Some(friction),
+            Outcome::Fall => None,
+        }
+    }
+
+    /// Alternates flights and stances, and records the first stance in `hop`. `observe` is shown
+    /// the steps of each stance.
+    fn simulate(
+        &self,
+        start: Apex,
+        action: Action,
+        hop: &mut Hop,
+        mut observe: impl FnMut(&Jet, f64),
+    ) -> Outcome {
         let (sin, cos) = libm::sincos(action.touchdown_angle_rad);
         let reach_m = [self.rest_length_m * cos, self.rest_length_m * sin];
         let elongation = Elongation {
@@ -214,7 +251,9 @@ impl Hopper {
                 velocity_m_s: Pair([touchdown_vx_m_s, -descent.speed_m_s]),
             };
             let tolerance_m_s = self.tolerance.velocity_m_s;
-            match stance::integrate(&self.field, touchdown, &elongation, tolerance_m_s) {
+            let end =
+                stance::integrate(&self.field, touchdown, &elongation, tolerance_m_s, &mut observe);
+            match end {
                 StanceEnd::Fall => return Outcome::Fall,
                 StanceEnd::Apex { t_s: stance_s, state } => {
                     return Outcome::Apex(NextApex {

@@ -164,11 +164,14 @@ pub(crate) enum StanceEnd {
 }
 
 /// Integrates a stance on level ground from touchdown, where the leg has its rest length.
+///
+/// Shows `observe` the series of each segment and how long it is followed, s.
 pub(crate) fn integrate(
     field: &Field,
     touchdown: State,
     elongation: &Elongation,
     tolerance_m_s: f64,
+    mut observe: impl FnMut(&Jet, f64),
 ) -> StanceEnd {
     let (mut t_s, mut state) = (0.0, touchdown);
     let mut known_length_m = Some(elongation.rest_length_m);
@@ -185,6 +188,7 @@ pub(crate) fn integrate(
             limit_s,
             tolerance_m_s,
         );
+        observe(&jet, segment.t_s);
         state = segment.state;
         t_s = if segment.t_s == limit_s { corner_s } else { t_s + segment.t_s };
         // Within a segment the height is lowest at an end or surely above the ground.
@@ -217,7 +221,7 @@ mod tests {
                     position_m: Pair([side * 0.28, 0.96]),
                     velocity_m_s: Pair([side * -1.9, -3.1]),
                 };
-                match integrate(&field, touchdown, &elongation, 1e-10) {
+                match integrate(&field, touchdown, &elongation, 1e-10, |_, _| ()) {
                     StanceEnd::LiftOff { t_s, state } => (t_s, state),
                     end => panic!("{end:?}"),
                 }

@@ -105,6 +105,50 @@ fn the_equivalent_command_reproduces_the_apex_map() {
     }
 }
 
+#[test]
+fn the_friction_of_a_hop_is_the_steepest_force_of_its_stance() {
+    let mut compared = 0;
+    for_each_row(GOLDEN, |row| {
+        let case = Case::of(row);
+        let (hop, dt_s) = (case.hop(), 1e-4);
+        let friction = case.hopper().friction(case.start, case.action);
+        assert_eq!(friction.is_some(), hop.outcome.next().is_some(), "line {}", case.line);
+        let (Some(friction), Some(touchdown), 1) = (friction, hop.touchdown, hop.stance_phases)
+        else {
+            return;
+        };
+        let start = Body { x_m: 0.0, vx_m_s: case.start.vx_m_s, y_m: case.start.y_m, vy_m_s: 0.0 };
+        let mut plant = TickPlant::new(case.leg, start);
+        let steepness = |body: Body| (body.x_m - touchdown.foot_x_m).abs() / body.y_m;
+        let mut steepest: f64 = 0.0;
+        let mut landed = false;
+        'hop: for tick in 0.. {
+            let command = LegCommand {
+                leg_angle_rad: case.action.touchdown_angle_rad,
+                elongation_m: case.action.elongation_speed_m_s
+                    * (f64::from(tick) * dt_s - touchdown.t_s),
+                elongation_rate_m_s: case.action.elongation_speed_m_s,
+            };
+            for event in &*plant.step(dt_s, command, case.medium, &Flat) {
+                landed |= matches!(event.kind, EventKind::Touchdown { .. });
+                if landed {
+                    steepest = steepest.max(steepness(event.body));
+                }
+                if landed && !matches!(event.kind, EventKind::Touchdown { .. }) {
+                    break 'hop;
+                }
+            }
+            if landed {
+                steepest = steepest.max(steepness(plant.body()));
+            }
+        }
+        compared += 1;
+        let error = (friction - steepest).abs();
+        assert!(error < 2e-3 * steepest.max(0.1), "line {}: {friction}, {steepest}", case.line);
+    });
+    assert!(compared >= 700, "{compared}");
+}
+
 /// Creates a leg at rest above the ground.
 fn at_rest(y_m: f64) -> TickPlant {
     let body = Body { x_m: 0.0, vx_m_s: 0.0, y_m, vy_m_s: 0.0 };

@@ -1,7 +1,9 @@
 """Warnings are errors, and the program `sim-host` to compare with."""
 
 import os
+import signal
 import subprocess
+import threading
 
 import pytest
 
@@ -23,3 +25,19 @@ def sim_host():
         return subprocess.run(command, check=True, capture_output=True, text=True).stdout
 
     return run
+
+
+@pytest.fixture
+def interrupt():
+    """Sends SIGINT to this process in so many seconds.
+
+    It raises KeyboardInterrupt even if the process inherited that it ignores the signal, as one
+    does that a shell starts in the background.
+    """
+    inherited = signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def send_in(seconds):
+        threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGINT)).start()
+
+    yield send_in
+    signal.signal(signal.SIGINT, inherited)

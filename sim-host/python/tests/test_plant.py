@@ -137,14 +137,12 @@ def test_other_threads_run_during_a_batch():
     assert counted > 100
 
 
-def test_an_interrupt_ends_a_large_batch():
+def test_an_interrupt_ends_a_large_batch(interrupt):
     apexes, actions = np.tile(APEXES, (400, 1)), np.tile(ACTIONS, (400, 1))
     plant = Plant(density_ratio=1)
-    timer = threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT))
-    timer.start()
+    interrupt(0.05)
     with pytest.raises(KeyboardInterrupt):
         plant.hop(apexes, actions)
-    timer.join()
     assert plant.hop(APEXES, ACTIONS).shape == (2000, 2)
 
 

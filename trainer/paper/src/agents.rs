@@ -8,12 +8,12 @@ use serde::{Deserialize, Serialize};
 
 use super::{Extent, FigureContext, FiguresError};
 use crate::analysis::apex_run::run_policy;
+use trainer::Isa;
+use trainer::Layer;
 use trainer::evaluate::hopper;
 use trainer::evaluate::survival::draw_starts;
-use trainer::net::mlp::Layer;
 use trainer::policy::PackedActor;
 use trainer::preset::Preset;
-use trainer::simd::Isa;
 use trainer::train::Training;
 
 /// Number of starts by which transferred agents are ranked, and of hops from each.

@@ -2,10 +2,10 @@
 
 use super::ImportError;
 use super::model_card::ModelCard;
-use crate::net::mlp::Layer;
 use crate::policy::PackedActor;
 use crate::preset::{ACTION_HIGH, ACTION_LOW};
 use leg_control::actor::{ActionScaling, Activations, ObservationScaling};
+use leg_ddpg::Layer;
 
 /// Two pairs of numbers, one of each pair for each action: rad, m/s.
 pub type Pairs = [[f32; 2]; 2];

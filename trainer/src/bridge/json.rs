@@ -17,9 +17,9 @@
 use super::ImportError;
 use super::imported::ImportedActor;
 use super::{activation, unique_json};
-use crate::net::mlp::Layer;
 use crate::policy::PackedActor;
 use leg_control::actor::{ActionScaling, Activations, Observation, ObservationScaling};
+use leg_ddpg::Layer;
 use serde_json::Value;
 
 /// Largest error of an imported actor against its test vectors, rad and m/s.

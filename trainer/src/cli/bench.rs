@@ -6,9 +6,9 @@ use crate::config::Length;
 use crate::environment::{Environment, Start};
 use crate::evaluate::survival::quantile;
 use crate::preset::Preset;
-use crate::simd::Isa;
-use crate::train::{DivergenceError, Training};
+use crate::train::{DivergenceError, NotFinite, Training};
 use clap::Args;
+use leg_simd::Isa;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde::Serialize;
@@ -101,7 +101,7 @@ fn updates(preset: Preset, isa: Isa) -> Result<Quantiles, DivergenceError> {
         training.episode()?;
     }
     let mut value = None;
-    let quantiles = timed(|| value = value.or(training.update().not_finite()));
+    let quantiles = timed(|| value = value.or(NotFinite::of(&training.update())));
     let step = training.total_steps();
     value.map_or(Ok(quantiles), |value| Err(DivergenceError { step, value }))
 }

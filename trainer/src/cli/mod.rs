@@ -20,7 +20,7 @@ use clap::{Parser, Subcommand, ValueEnum};
 use leg_process::stderr;
 use std::process::ExitCode;
 
-use crate::simd::Isa;
+use leg_simd::Isa;
 use output::pool;
 
 #[derive(Debug, Parser)]

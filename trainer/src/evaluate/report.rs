@@ -94,6 +94,22 @@ impl Report {
 }
 
 impl Report {
+    fn write_friction(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "\nFriction that these hops need of the ground: horizontal over vertical force of the foot"
+        )?;
+        writeln!(f, "   rho{}", SET_POINTS.map(|v| format!("  {v:>6}")).concat())?;
+        for row in self.tracking.chunks(SET_POINTS.len()) {
+            write!(f, "{:>6}", row[0].rho)?;
+            for t in row {
+                write!(f, "  {:>6}", number(t.friction, 2))?;
+            }
+            writeln!(f)?;
+        }
+        Ok(())
+    }
+
     fn write_conditions(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
@@ -170,6 +186,7 @@ impl fmt::Display for Report {
             "Tracked: {tracked} of the {} set-points with a known steady gait; {fell} fell.",
             possible.len()
         )?;
+        self.write_friction(f)?;
         self.write_conditions(f)?;
         if self.randomised.is_empty() { Ok(()) } else { write!(f, "\n{}", Table(&self.randomised)) }
     }

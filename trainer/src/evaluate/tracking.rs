@@ -1,6 +1,6 @@
 //! Tracking of a set-point under the velocity cascade, and the highest speed.
 
-use super::{DENSITIES, hop, hopper};
+use super::{DENSITIES, act, hop, hopper};
 use leg_control::actor::Actor;
 use leg_control::policy::GainSchedule;
 use leg_control::velocity::{Cascade, gains_at};
@@ -61,6 +61,9 @@ pub struct Tracking {
     pub mean_v: Option<f64>,
     /// Half the range of the apex velocity over the same hops, m/s; `None` after a fall.
     pub oscillation: Option<f64>,
+    /// Coefficient of friction that the ground must have over the same hops, the largest
+    /// horizontal over vertical force on the foot; `None` after a fall or where nobody asked.
+    pub friction: Option<f64>,
     /// Whether the leg fell: there was no next apex.
     pub fell: bool,
 }
@@ -89,15 +92,20 @@ pub fn track(actor: &Actor<'_>, gains: &GainSchedule, rho: f64, set_point: f64) 
     let mut cascade = Cascade::new();
     let mut apex = START;
     let mut judged = Vec::with_capacity(JUDGED);
+    let mut friction: f64 = 0.0;
     for done in 1..=HOPS {
         let u = cascade.update(&gains_at(gains, rho as f32), set_point as f32, apex.vx_m_s as f32);
-        let Some(next) = hop(actor, &hopper, rho, apex, u) else {
-            return Tracking { rho, set_point, mean_v: None, oscillation: None, fell: true };
+        let action = act(actor, rho, apex, u);
+        let Some(next) = hopper.hop(apex, action).outcome.next() else {
+            let (mean_v, oscillation, friction) = (None, None, None);
+            return Tracking { rho, set_point, mean_v, oscillation, friction, fell: true };
         };
-        apex = next;
         if done > HOPS - JUDGED {
-            judged.push(apex.vx_m_s);
+            friction =
+                hopper.friction(apex, action).map_or(friction, |needed| friction.max(needed));
+            judged.push(next.vx_m_s);
         }
+        apex = next;
     }
     let lowest = judged.iter().copied().fold(f64::INFINITY, f64::min);
     let highest = judged.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -106,6 +114,7 @@ pub fn track(actor: &Actor<'_>, gains: &GainSchedule, rho: f64, set_point: f64) 
         set_point,
         mean_v: Some(judged.iter().sum::<f64>() / JUDGED as f64),
         oscillation: Some((highest - lowest) / 2.0),
+        friction: Some(friction),
         fell: false,
     }
 }
@@ -164,7 +173,7 @@ mod tests {
 
     fn at(rho: f64, set_point: f64, mean_v: f64, oscillation: f64) -> Tracking {
         let (mean_v, oscillation) = (Some(mean_v), Some(oscillation));
-        Tracking { rho, set_point, mean_v, oscillation, fell: false }
+        Tracking { rho, set_point, mean_v, oscillation, friction: Some(0.3), fell: false }
     }
 
     #[test]

@@ -23,12 +23,12 @@ pub mod recent;
 pub mod tensorboard;
 
 use crate::config::Config;
-use crate::simd::Isa;
 use crate::train::{EpisodeRecord, Training};
 use checkpoint::{Checkpoint, CheckpointWriter};
 use collapse::CollapseDetector;
 use error::RunError;
 use leg_process::Stop;
+use leg_simd::Isa;
 use log::Log;
 use progress::Progress;
 use recent::RecentEpisodes;

@@ -1,13 +1,13 @@
 //! The state of a training between two episodes, from which it can be resumed.
 
 use super::Training;
-use crate::ddpg::AgentState;
 use crate::evaluate::selection::{Selector, SelectorState};
 use crate::explore::NoiseState;
 use crate::failed_starts::FailedStarts;
-use crate::replay::{Replay, ReplayState};
-use crate::simd::Isa;
 use crate::{config::Config, explore::Noise};
+use leg_ddpg::AgentState;
+use leg_ddpg::{Replay, ReplayState};
+use leg_simd::Isa;
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 

@@ -4,7 +4,7 @@ use super::Training;
 use crate::config::{Config, Length};
 use crate::failed_starts::FailedStarts;
 use crate::preset::Preset;
-use crate::simd::Isa;
+use leg_simd::Isa;
 
 /// Trains for a few hundred steps and returns the failed starts.
 fn failed_starts(config: Config) -> FailedStarts {

@@ -7,9 +7,9 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::path::Path;
 use std::process::Command;
+use trainer::Layer;
 use trainer::bridge::c;
 use trainer::bridge::model_card::ModelCard;
-use trainer::net::mlp::Layer;
 use trainer::policy::{PackedActor, blob_with_manifest};
 
 /// A program that reads observations and writes actions, both as their bits.

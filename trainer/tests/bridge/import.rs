@@ -7,7 +7,7 @@ use safetensors::tensor::TensorView;
 use std::path::Path;
 use std::process::Command;
 use tempfile::TempDir;
-use trainer::net::mlp::Layer;
+use trainer::Layer;
 
 /// The observation of every comparison: m/s, m, density ratio.
 const OBSERVATION: [f32; 3] = [0.5, 2.0, 0.3];

@@ -74,7 +74,11 @@ impl Case {
         }
     }
 
+    pub fn hopper(&self) -> Hopper {
+        Hopper::new(&self.leg, self.medium)
+    }
+
     pub fn hop(&self) -> Hop {
-        Hopper::new(&self.leg, self.medium).hop(self.start, self.action)
+        self.hopper().hop(self.start, self.action)
     }
 }

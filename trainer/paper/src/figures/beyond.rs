@@ -161,6 +161,7 @@ impl DensityResults {
                 set_point,
                 mean_v: settled.map(|s| s.0),
                 oscillation: settled.map(|s| s.1),
+                friction: None,
                 fell: settled.is_none(),
             })
             .filter(Tracking::possible)

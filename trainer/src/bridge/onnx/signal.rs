@@ -7,11 +7,11 @@
 use super::curve::Curve;
 use super::tensor::Constant;
 use crate::bridge::imported::{Assumption, ImportedActor, Subject};
-use crate::net::mlp::Layer;
 use crate::preset::{ACTION_HIGH, ACTION_LOW};
 use leg_control::actor::{
     Activation, Activations, INPUTS, MAX_LAYERS, OUTPUTS, ObservationScaling, OutputActivation,
 };
+use leg_ddpg::Layer;
 use std::rc::Rc;
 
 /// A scaling step between actor and clip.

@@ -12,11 +12,11 @@ use super::half::{from_bfloat16, from_float16};
 use super::imported::{Assumption, ImportedActor, Subject};
 use super::model_card::{KEY, ModelCard};
 use super::state_dict::{self, Found, Linear, Named, has_gaps, names_of};
-use crate::net::mlp::Layer;
 use crate::policy::PackedActor;
 use container::Container;
 use leg_control::actor::{Activations, OutputActivation};
 use leg_control::policy::Policy;
+use leg_ddpg::Layer;
 
 pub use super::state_dict::StateDictOptions;
 

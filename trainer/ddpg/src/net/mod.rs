@@ -1,20 +1,20 @@
 //! The networks: a matrix product in registers, a perceptron with two hidden layers, its
 //! gradients, and Adam.
 
-pub mod adam;
+pub(crate) mod adam;
 mod mirror;
-pub mod mlp;
-pub mod product;
-pub mod tanh;
+pub(crate) mod mlp;
+pub(crate) mod product;
+pub(crate) mod tanh;
 
 /// A row of `N` numbers, aligned so that a vector of eight never straddles a cache line.
 #[repr(C, align(32))]
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Row<const N: usize>(pub [f32; N]);
+pub(crate) struct Row<const N: usize>(pub(crate) [f32; N]);
 
 impl<const N: usize> Row<N> {
     /// A row of zeros.
-    pub const ZERO: Self = Self([0.0; N]);
+    pub(crate) const ZERO: Self = Self([0.0; N]);
 }
 
 impl<const N: usize> core::ops::Deref for Row<N> {

@@ -7,7 +7,7 @@
 //! so the bits do not depend on the tiling.
 
 use super::Row;
-use crate::simd::{Pair, Simd, Vector};
+use leg_simd::{Pair, Simd, Vector};
 
 /// The left factor `A` of a product.
 pub(crate) trait Left: Copy {
@@ -18,7 +18,7 @@ pub(crate) trait Left: Copy {
 }
 
 /// A group of `R` rows of the left factor. It is a trait and not a closure because a closure
-/// need not be inlined, see [`crate::simd::Kernel::run`].
+/// need not be inlined, see [`leg_simd::Kernel::run`].
 pub(crate) trait Factors<const R: usize>: Copy {
     /// Returns the numbers of these rows in column `k`.
     fn column(self, k: usize) -> [f32; R];

@@ -1,7 +1,7 @@
 //! tanh by a rational function of multiplications, additions and one division, so that every
 //! instruction set rounds it alike.
 
-use crate::simd::Vector;
+use leg_simd::Vector;
 
 /// Argument from which tanh is 1 in `f32`.
 const SATURATION: f32 = 7.905_311;
@@ -43,7 +43,7 @@ fn horner<V: Vector>(token: V::Token, x: V, coefficients: &[f32]) -> V {
 #[cfg(test)]
 mod tests {
     use super::tanh;
-    use crate::simd::{Isa, Kernel, Simd, Vector, dispatch};
+    use leg_simd::{Isa, Kernel, Simd, Vector, dispatch};
 
     struct Worst;
 

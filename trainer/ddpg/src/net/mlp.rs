@@ -15,11 +15,17 @@
 
 use super::Row;
 use super::product::{Gated, Linear, PerColumn, PerRow, Product, Relu, Straight, Transposed, Zero};
-use crate::simd::{Simd, Sum, Vector};
+use leg_simd::{Simd, Sum, Vector};
 
 /// The weights of a network.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Mlp<const X: usize, const H: usize, const E: usize, const O: usize, const P: usize> {
+pub(crate) struct Mlp<
+    const X: usize,
+    const H: usize,
+    const E: usize,
+    const O: usize,
+    const P: usize,
+> {
     rows: Box<[Row<P>]>,
 }
 

@@ -53,7 +53,7 @@ impl<const X: usize, const H: usize, const O: usize, const P: usize> Mlp<X, H, 0
 #[cfg(test)]
 mod tests {
     use crate::net::mlp::{Layer, Mlp, Pass};
-    use crate::simd::{Isa, Kernel, Simd, dispatch};
+    use leg_simd::{Isa, Kernel, Simd, dispatch};
 
     type Net = Mlp<3, 50, 0, 2, 56>;
 

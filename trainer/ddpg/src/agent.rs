@@ -1,4 +1,4 @@
-//! Deep deterministic policy gradient (DDPG): the agent and its update.
+//! The agent and its update.
 
 mod state;
 
@@ -11,7 +11,7 @@ use crate::net::adam::{Adam, Step, soft_update};
 use crate::net::mlp::{Layer, Mlp, Pass};
 use crate::net::tanh::tanh;
 use crate::replay::{Batch, Replay};
-use crate::simd::{Isa, Kernel, Simd, Vector, dispatch};
+use leg_simd::{Isa, Kernel, Simd, Vector, dispatch};
 
 /// Units in each hidden layer of the actor, padded to a multiple of 8.
 pub const ACTOR_HIDDEN: usize = 50;
@@ -86,7 +86,13 @@ pub trait Agent: Send {
 
 /// A DDPG agent whose critic is `Mlp<X, H, E, 1, P>`, with batches of `B`.
 #[derive(Clone, Debug)]
-pub struct Ddpg<const X: usize, const H: usize, const E: usize, const P: usize, const B: usize> {
+pub(crate) struct Ddpg<
+    const X: usize,
+    const H: usize,
+    const E: usize,
+    const P: usize,
+    const B: usize,
+> {
     isa: Isa,
     output: UnitOutput,
     symmetric_actor: bool,
@@ -108,18 +114,23 @@ pub struct Ddpg<const X: usize, const H: usize, const E: usize, const P: usize, 
 }
 
 /// An agent whose critic takes the action at its second layer, as in the paper.
-pub type PaperDdpg<const B: usize> = Ddpg<3, 50, 2, 56, B>;
+pub(crate) type PaperDdpg<const B: usize> = Ddpg<3, 50, 2, 56, B>;
 /// An agent whose critic takes the action as an input and is 50 units wide.
-pub type JointDdpg50<const B: usize> = Ddpg<5, 50, 0, 56, B>;
+pub(crate) type JointDdpg50<const B: usize> = Ddpg<5, 50, 0, 56, B>;
 /// An agent whose critic takes the action as an input and is 100 units wide.
-pub type JointDdpg100<const B: usize> = Ddpg<5, 100, 0, 104, B>;
+pub(crate) type JointDdpg100<const B: usize> = Ddpg<5, 100, 0, 104, B>;
 
 impl<const X: usize, const H: usize, const E: usize, const P: usize, const B: usize>
     Ddpg<X, H, E, P, B>
 {
     /// Creates an agent from the layers of both networks. The targets start as copies.
     #[must_use]
-    pub fn new(isa: Isa, output: UnitOutput, actor: &[Layer; 3], critic: &[Layer; 3]) -> Self {
+    pub(crate) fn new(
+        isa: Isa,
+        output: UnitOutput,
+        actor: &[Layer; 3],
+        critic: &[Layer; 3],
+    ) -> Self {
         let actor = Actor::from_layers(actor);
         let critic = Mlp::from_layers(critic);
         Self {
@@ -145,7 +156,7 @@ impl<const X: usize, const H: usize, const E: usize, const P: usize, const B: us
 
     /// Makes the actor mirror-symmetric; every update keeps it so.
     #[must_use]
-    pub fn with_symmetric_actor(mut self) -> Self {
+    pub(crate) fn with_symmetric_actor(mut self) -> Self {
         self.symmetric_actor = true;
         self.actor.symmetrise(ODD_OBSERVATIONS, ODD_ACTIONS);
         self.actor_target = self.actor.clone();

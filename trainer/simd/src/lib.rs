@@ -9,6 +9,11 @@
 //! creates tokens, after it has checked the CPU. So the rest of the crate is safe code, and
 //! `x86` is the only module with `unsafe`.
 
+#![allow(
+    clippy::inline_always,
+    reason = "code that is inlined is compiled for the instruction set"
+)]
+
 mod portable;
 #[cfg(target_arch = "x86_64")]
 mod x86;
