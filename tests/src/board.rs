@@ -62,7 +62,8 @@ impl Board {
     pub fn build_with(self, features: &str) -> Result<Image> {
         let all = format!("{},{features}", self.name);
         let all = all.trim_end_matches(',');
-        let build = Build { name: all, features: all, programs: &["firmware"], flags: None };
+        let build =
+            Build { name: all, features: all, programs: &["firmware"], flags: None, policy: None };
         let path = build.run()?.join("firmware");
         Ok(Image { board: self, path })
     }

@@ -1,7 +1,7 @@
 //! Builds of the firmware.
 
 use std::fs::{self, File};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
@@ -32,6 +32,8 @@ pub struct Build<'a> {
     pub programs: &'a [&'a str],
     /// Compiler flags, in place of those of the firmware's configuration.
     pub flags: Option<&'a str>,
+    /// Policy file to build into the image that measures one.
+    pub policy: Option<&'a Path>,
 }
 
 impl Build<'_> {
@@ -63,6 +65,9 @@ impl Build<'_> {
             .env_remove("RUSTFLAGS");
         if let Some(flags) = self.flags {
             cargo.env("RUSTFLAGS", flags);
+        }
+        if let Some(policy) = self.policy {
+            cargo.env("LEG_POLICY", policy);
         }
         let status = cargo.status().context("cannot start cargo")?;
         ensure!(status.success(), "the firmware for {} does not build ({status})", self.name);

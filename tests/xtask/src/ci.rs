@@ -80,6 +80,8 @@ fn of_firmware(xtask: &str, temporary: &Path) -> Vec<Step> {
         )
         .with_env("TMPDIR", temporary.display().to_string()),
         Step::new("budgets of the firmware", xtask, "budget"),
+        Step::new("cost of a policy on a Cortex-M4F", xtask, "budget --policy")
+            .with("controller/policies/robust.bin"),
     ]
 }
 

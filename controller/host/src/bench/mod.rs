@@ -176,8 +176,9 @@ impl fmt::Display for BenchReport {
             }
         }
         match &self.counts {
-            Ok(_) => write!(f, "\ninstructions: of the median call, counted by single-stepping"),
-            Err(cause) => write!(f, "\ninstructions: not counted: {cause}"),
+            Ok(_) => writeln!(f, "\ninstructions: of the median call, counted by single-stepping")?,
+            Err(cause) => writeln!(f, "\ninstructions: not counted: {cause}")?,
         }
+        write!(f, "on a Cortex-M4F: `cargo xtask budget --policy FILE` counts them in an emulator")
     }
 }

@@ -10,6 +10,7 @@ mod budgets;
 mod cost;
 mod disassembly;
 mod emulator;
+mod policy;
 mod profile;
 mod size;
 mod stack;
@@ -42,6 +43,9 @@ pub(crate) struct Args {
     /// Count the functions `measured_...` of another image, without a comparison.
     #[arg(long, value_name = "ELF", conflicts_with = "accept")]
     image: Option<PathBuf>,
+    /// Count an inference of this policy, without a comparison.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["accept", "image"])]
+    policy: Option<PathBuf>,
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
@@ -50,6 +54,9 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             println!("{function}\n{profile}\n");
         }
         return Ok(());
+    }
+    if let Some(policy) = &args.policy {
+        return policy::print(policy);
     }
     let images = Images::build(None)?;
     let with_vmla = Images::build(Some(WITH_VMLA))?;
@@ -119,6 +126,7 @@ impl Images {
             features: "mps2-an386,bench",
             programs: &["measure", "compare"],
             flags,
+            policy: None,
         }
         .run()?;
         let at = |name: &str| folder.join(name);
