@@ -50,7 +50,7 @@ fn chosen(
     let read = |name: &str| {
         let actor = match edges.get(name) {
             Some(Edge::Signal(signal)) => signal.clone().imported_actor(),
-            Some(Edge::Other(why)) => Err(why.to_string()),
+            Some(Edge::Other(why, _)) => Err(why.to_string()),
             Some(Edge::Stored(_) | Edge::Constant(_) | Edge::Shape(_)) => {
                 Err("it does not depend on the observation".into())
             }

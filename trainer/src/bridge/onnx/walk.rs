@@ -17,8 +17,8 @@ use std::path::PathBuf;
 use std::rc::Rc;
 
 /// The supported operations, for messages.
-const KNOWN: &str = "Add, BatchNormalization, Cast, Clip, Constant, Div, Dropout, Elu, Erf, Exp, \
-                     Expand, Flatten, Gelu, Gemm, Greater, GreaterOrEqual, Identity, LeakyRelu, \
+const KNOWN: &str = "Add, BatchNormalization, Cast, Clip, Constant, ConstantOfShape, Div, \
+                     Dropout, Elu, Erf, Exp, Expand, Flatten, Gelu, Gemm, Greater, GreaterOrEqual, Identity, LeakyRelu, \
                      Less, LessOrEqual, MatMul, Max, Min, Mul, Neg, Pow, Reciprocal, Relu, \
                      Reshape, Sigmoid, Sqrt, Sub, Swish, Tanh, Transpose, Where, Scaler of \
                      ai.onnx.ml, FusedGemm of com.microsoft";
@@ -34,8 +34,8 @@ pub(super) enum Edge<'a> {
     Signal(Signal),
     /// The shape of rows of this width, or a part of a shape.
     Shape(Option<usize>),
-    /// An unsupported value, and the reason.
-    Other(Rc<str>),
+    /// An unsupported value: the reason, and the width of its rows where it is known.
+    Other(Rc<str>, Option<usize>),
 }
 
 /// The evaluation of a graph.
@@ -68,12 +68,13 @@ impl<'a> Walk<'a> {
         };
         self.edges.insert(observation, Edge::Signal(Signal::Observation(Input::PLAIN)));
         for node in &graph.node {
-            let edge = self.run(node).unwrap_or_else(Edge::Other);
+            let edge = self.run(node).unwrap_or_else(|why| Edge::Other(why, self.width(node)));
             for (i, output) in node.output.iter().enumerate() {
                 let edge = if i == 0 {
                     edge.clone()
                 } else {
-                    Edge::Other(format!("{}: its output {i} is not an actor's", label(node)).into())
+                    let why = format!("{}: its output {i} is not an actor's", label(node));
+                    Edge::Other(why.into(), None)
                 };
                 self.define(output, edge)?;
             }
@@ -91,9 +92,10 @@ impl<'a> Walk<'a> {
 
     /// Evaluates a node and returns its first output.
     fn run(&self, node: &'a Node) -> Result<Edge<'a>, Rc<str>> {
-        // An unsupported input passes its reason on.
+        // An unsupported input passes its reason on; only its shape may be needed.
         let arrives = |name: &String| match self.edges.get(name.as_str()) {
-            Some(Edge::Other(why)) => Some(why.clone()),
+            Some(Edge::Other(_, Some(_))) if node.op_type == "Shape" => None,
+            Some(Edge::Other(why, _)) => Some(why.clone()),
             _ => None,
         };
         if let Some(why) = node.input.iter().find_map(arrives) {
@@ -156,7 +158,14 @@ impl<'a> Walk<'a> {
                 signal()?.dense(shape, weights.finite()?.f32s(), vec![0.0; shape[0]])
             }
             "BatchNormalization" => self.batch_normalisation(node, signal()?),
-            "Shape" => return Ok(Edge::Shape(Some(signal()?.width()))),
+            "Shape" => {
+                let width = match first()? {
+                    Edge::Other(_, Some(width)) => width,
+                    _ => signal()?.width(),
+                };
+                return Ok(Edge::Shape(Some(width)));
+            }
+            "ConstantOfShape" => return self.constant_of_shape(node),
             "Gather" | "Concat" | "Slice" | "Squeeze" | "Unsqueeze"
                 if self.is_of_shapes(node)? =>
             {
@@ -183,6 +192,40 @@ impl<'a> Walk<'a> {
             },
         };
         result.map(Edge::Signal)
+    }
+
+    /// Returns the width of the rows that a node computes number by number, where that of every
+    /// input is known.
+    ///
+    /// A Gaussian policy spreads its mean over the shape of mean and deviation, so that shape
+    /// matters where the deviation does not.
+    fn width(&self, node: &Node) -> Option<usize> {
+        const BY_NUMBER: [&str; 8] = ["Add", "Sub", "Mul", "Div", "Pow", "Exp", "Clip", "Neg"];
+        if !node.domain.is_empty() || !BY_NUMBER.contains(&node.op_type.as_str()) {
+            return None;
+        }
+        let widths = node.input.iter().filter(|name| !name.is_empty()).map(|name| {
+            match self.edges.get(name.as_str())? {
+                Edge::Signal(signal) => Some(signal.width()),
+                Edge::Constant(constant) => Some(constant.dims.last().copied().unwrap_or(1)),
+                Edge::Stored(tensor) => tensor.dims.last().map_or(Some(1), |&n| n.try_into().ok()),
+                Edge::Other(_, width) => *width,
+                Edge::Shape(_) => None,
+            }
+        });
+        widths.collect::<Option<Vec<usize>>>()?.into_iter().max()
+    }
+
+    /// Evaluates a row of one number in the shape of another row.
+    fn constant_of_shape(&self, node: &'a Node) -> Result<Edge<'a>, String> {
+        let Some(Edge::Shape(Some(width))) = self.edge(node, 0)? else {
+            return Err("of a shape that is not that of rows".into());
+        };
+        let number = match attribute(node, "value").and_then(|a| a.t.as_ref()) {
+            Some(tensor) => Constant::read(tensor, self.folders)?.uniform()? as f32,
+            None => 0.0,
+        };
+        Ok(Edge::Constant(Rc::new(Constant::row(&vec![number; width])?)))
     }
 
     /// Returns an input; `None` where it is left out.

@@ -293,6 +293,23 @@ fn an_expand_to_its_own_shape_does_nothing() {
     let after = ["Shape t > s", "Expand t s > act"];
     let plain = read(&with_network(&["Identity obs > x"], &["Identity t > act"])).unwrap();
     assert_eq!(read(&with_network(&["Identity obs > x"], &after)).unwrap(), plain);
+    // As torch writes it: PPO's deviation is a parameter, SAC's another layer of the network.
+    let spread = ["Shape sum > s1", "Expand t s1 > act"];
+    let ppo = [
+        ["Shape t > s", "ConstantOfShape s > zeros", "Add zeros t > m", "Add m range > sum"]
+            .as_slice(),
+        &spread,
+    ]
+    .concat();
+    let sac = [
+        ["MatMul b w2t > log", "Exp log > d", "Mul range d > e"].as_slice(),
+        &["Shape t > s", "ConstantOfShape s > zeros", "Add zeros t > m", "Add m e > sum"],
+        &spread,
+    ]
+    .concat();
+    for after in [ppo, sac] {
+        assert_eq!(read(&with_network(&["Identity obs > x"], &after)).unwrap(), plain);
+    }
     let other = ["Shape x > s", "Expand t s > act"];
     let error = read(&with_network(&["Identity obs > x"], &other)).unwrap_err();
     assert!(error.contains("to something other than rows of 2"), "{error}");
