@@ -83,14 +83,9 @@ impl Feeder {
                 }
             }
             while let Ok(message) = self.side.try_recv() {
-                match message {
-                    SideMessage::Policy(policy) => self.translator.policy(&policy, &mut frames),
-                    SideMessage::SetPoint(set_point) => {
-                        self.translator.set_point(&set_point, &mut frames);
-                    }
-                    SideMessage::Law(law) => self.translator.law(&law, &mut frames),
-                    SideMessage::Loop(timing) => self.translator.timing(&timing, &mut frames),
-                    SideMessage::End(message) => end = Some(message),
+                self.translator.side(&message, &mut frames);
+                if let SideMessage::End(message) = message {
+                    end = Some(message);
                 }
             }
             if last && idle {

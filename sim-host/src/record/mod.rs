@@ -20,6 +20,7 @@ pub mod config;
 mod display;
 mod feeder;
 mod file;
+mod observed;
 mod pipe;
 mod recorder;
 pub mod recover;
@@ -30,6 +31,8 @@ mod writer_process;
 pub use leg_recording::{contents, read, schema, versions};
 
 pub use change_poller::ChangePoller;
+pub(crate) use observed::{LiveMessages, ObservedRun, now_unix_ns, topics};
 pub use recorder::{RecordError, RecordOptions, RecordSink, RecordSummary, Recorder};
+pub(crate) use tap::TickCopy;
 pub use tap::{OnFull, RecordTap};
 pub use writer_process::main as writer_process;

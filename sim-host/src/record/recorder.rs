@@ -87,6 +87,11 @@ pub struct Recorder {
 pub struct RecordSink(Sender<SideMessage>);
 
 impl RecordSink {
+    /// Creates a sink to the other end of this channel.
+    pub(super) fn new(to: Sender<SideMessage>) -> Self {
+        Self(to)
+    }
+
     /// Records a policy that the controller received.
     pub fn policy(&self, policy: Policy) {
         let _ = self.0.send(SideMessage::Policy(policy));

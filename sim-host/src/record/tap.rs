@@ -28,13 +28,26 @@ pub enum OnFull {
     Drop,
 }
 
+/// What is known of the leg at a tick, beside its messages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Known {
+    /// Its true state.
+    State,
+    /// Where it is, as its messages and its status show.
+    Place,
+    /// Nothing.
+    Nothing,
+}
+
 /// A copy of a tick.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct TickCopy {
+pub(crate) struct TickCopy {
     pub(super) seq: u64,
     pub(super) t_s: f64,
     pub(super) body: Body,
     pub(super) phase: Phase,
+    /// Of body and phase.
+    pub(super) known: Known,
     pub(super) density_ratio: f64,
     pub(super) sample: Sample,
     pub(super) command: Command,
@@ -113,6 +126,7 @@ impl RecordTap {
             t_s: tick.t_s,
             body: tick.body,
             phase: tick.phase,
+            known: Known::State,
             density_ratio: tick.medium.density_ratio(),
             sample: *tick.sample,
             command: *tick.command,

@@ -1,12 +1,13 @@
 //! Converts ticks and events to the messages of a recording.
 
 use super::display::{Display, log};
+use super::feeder::SideMessage;
 use super::pipe::FrameBuffer;
 use super::schema::{
     Apex, Command, Config, End, Estimate, Event, EventKind, Law, Loop, Phase, Policy, Sample,
     SetPoint, State,
 };
-use super::tap::{RingEntry, TickCopy};
+use super::tap::{Known, RingEntry, TickCopy};
 
 /// Converts the entries of the ring to messages, in their order.
 #[derive(Debug)]
@@ -61,7 +62,8 @@ impl Translator {
         }
     }
 
-    fn tick(&mut self, tick: &TickCopy, frames: &mut FrameBuffer) {
+    /// Adds the messages of a tick.
+    pub(super) fn tick(&mut self, tick: &TickCopy, frames: &mut FrameBuffer) {
         let TickCopy { seq, body, sample, command, .. } = tick;
         if let Some(last) = self.tick
             && last.sample.header.run_id != sample.header.run_id
@@ -69,35 +71,32 @@ impl Translator {
             self.close_apex(false, &last.command, frames);
             self.earlier_runs_s += last.t_s + 1.0 / f64::from(self.rate_hz.max(1));
         }
-        let time_ns = self.log_time_ns(self.earlier_runs_s + tick.t_s);
+        let t_s = self.earlier_runs_s + tick.t_s;
+        let time_ns = self.log_time_ns(t_s);
         let round_trip_ns = tick.round_trip.as_nanos() as u64;
         frames.add(time_ns, &Sample::from(sample));
         frames.add(time_ns, &Command::in_force(*seq, command, tick.is_new, round_trip_ns));
-        let (phase, foot_x_m, foot_y_m) = match tick.phase {
-            leg_plant::Phase::Flight => (Phase::Flight, 0.0, 0.0),
-            leg_plant::Phase::Stance { foot_x_m, foot_y_m } => (Phase::Stance, foot_x_m, foot_y_m),
-            leg_plant::Phase::Fallen => (Phase::Fallen, 0.0, 0.0),
-        };
-        let leg_plant::Body { x_m, vx_m_s, y_m, vy_m_s } = *body;
-        frames.add(
-            time_ns,
-            &State {
-                seq: *seq,
-                x_m,
-                vx_m_s,
-                y_m,
-                vy_m_s,
-                phase: phase.into(),
-                foot_x_m,
-                foot_y_m,
-                density_ratio: tick.density_ratio,
-            },
-        );
+        if tick.known == Known::State {
+            frames.add(time_ns, &state(tick));
+        }
         if let Some(display) = &mut self.display {
             display.tick(tick, time_ns, frames);
         }
         // The controller answers an apex in the tick after it.
         if self.tick.is_some_and(|last| last.command.apexes != command.apexes) {
+            if tick.known != Known::State && command.apexes > 0 {
+                // As the controller has found it.
+                self.unanswered = Some(Apex {
+                    seq: *seq,
+                    t_s,
+                    x_m: body.x_m,
+                    y_m: command.apex_y_m.into(),
+                    vx_m_s: command.apex_vx_m_s.into(),
+                    set_point_m_s: sample.set_point_m_s.into(),
+                    density_ratio: tick.density_ratio,
+                    ..Apex::default()
+                });
+            }
             self.close_apex(true, command, frames);
         }
         self.tick = Some(*tick);
@@ -175,8 +174,27 @@ impl Translator {
         }
     }
 
+    /// Draws the ground anew with the next picture, in a medium of this density.
+    pub(super) fn redraw(&mut self, density_ratio: f64) {
+        if let Some(display) = &mut self.display {
+            display.redraw(density_ratio);
+        }
+    }
+
+    /// Adds a message that does not come from the loop; the end of the run by
+    /// [`end`](Self::end).
+    pub(super) fn side(&self, message: &SideMessage, frames: &mut FrameBuffer) {
+        match message {
+            SideMessage::Policy(policy) => self.policy(policy, frames),
+            SideMessage::SetPoint(set_point) => self.set_point(set_point, frames),
+            SideMessage::Law(law) => self.law(law, frames),
+            SideMessage::Loop(timing) => self.timing(timing, frames),
+            SideMessage::End(_) => (),
+        }
+    }
+
     /// Adds a policy at the tick before which the controller received it.
-    pub(super) fn policy(&self, policy: &Policy, frames: &mut FrameBuffer) {
+    fn policy(&self, policy: &Policy, frames: &mut FrameBuffer) {
         let time_ns = self.tick_time_ns(policy.seq);
         frames.add(time_ns, policy);
         if self.display.is_some() {
@@ -185,7 +203,7 @@ impl Translator {
     }
 
     /// Adds a set-point at the tick before which the controller received it.
-    pub(super) fn set_point(&self, set_point: &SetPoint, frames: &mut FrameBuffer) {
+    fn set_point(&self, set_point: &SetPoint, frames: &mut FrameBuffer) {
         let time_ns = self.tick_time_ns(set_point.seq);
         frames.add(time_ns, set_point);
         if self.display.is_some() {
@@ -194,12 +212,12 @@ impl Translator {
     }
 
     /// Adds how the control law runs, at the start of the recording.
-    pub(super) fn law(&self, law: &Law, frames: &mut FrameBuffer) {
+    fn law(&self, law: &Law, frames: &mut FrameBuffer) {
         frames.add(self.started_unix_ns, law);
     }
 
     /// Adds the timing of a tick.
-    pub(super) fn timing(&self, timing: &Loop, frames: &mut FrameBuffer) {
+    fn timing(&self, timing: &Loop, frames: &mut FrameBuffer) {
         frames.add(self.tick_time_ns(timing.seq), timing);
     }
 
@@ -214,5 +232,26 @@ impl Translator {
             log::end(end, time_ns, frames);
         }
         frames.add(time_ns, end);
+    }
+}
+
+/// Returns the true state of the leg at a tick.
+fn state(tick: &TickCopy) -> State {
+    let (phase, foot_x_m, foot_y_m) = match tick.phase {
+        leg_plant::Phase::Flight => (Phase::Flight, 0.0, 0.0),
+        leg_plant::Phase::Stance { foot_x_m, foot_y_m } => (Phase::Stance, foot_x_m, foot_y_m),
+        leg_plant::Phase::Fallen => (Phase::Fallen, 0.0, 0.0),
+    };
+    let leg_plant::Body { x_m, vx_m_s, y_m, vy_m_s } = tick.body;
+    State {
+        seq: tick.seq,
+        x_m,
+        vx_m_s,
+        y_m,
+        vy_m_s,
+        phase: phase.into(),
+        foot_x_m,
+        foot_y_m,
+        density_ratio: tick.density_ratio,
     }
 }

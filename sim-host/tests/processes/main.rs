@@ -4,6 +4,7 @@ mod bridge;
 mod estimates;
 mod estimator;
 mod faults;
+mod foxglove_server;
 mod logs;
 mod other_programs;
 mod peers;

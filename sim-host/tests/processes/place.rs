@@ -339,6 +339,23 @@ impl Running {
         });
     }
 
+    /// Waits until the process has printed a line on the standard output that has this, and
+    /// returns what follows it there.
+    #[track_caller]
+    pub(crate) fn wait_for_line(&self, text: &str) -> String {
+        let [out, err] = self.output.as_ref().expect("not ended yet");
+        let mut rest = None;
+        wait_until(|| {
+            let so_far = out.so_far();
+            let found = so_far.lines().find_map(|line| Some(line.split_once(text)?.1.to_owned()));
+            rest = found.filter(|_| so_far.ends_with('\n'));
+            rest.as_ref()
+                .map(|_| ())
+                .ok_or(format!("`{text}` is not in: {so_far} {}", err.so_far()))
+        });
+        rest.expect("found")
+    }
+
     /// Kills the process with SIGKILL.
     pub(crate) fn kill(mut self) {
         self.child.kill().expect("kill");

@@ -16,7 +16,7 @@ use leg_plant::{Ground, Phase};
 
 use super::pipe::FrameBuffer;
 use super::schema::Config;
-use super::tap::TickCopy;
+use super::tap::{Known, TickCopy};
 use crate::faults::Terrain;
 use crate::scenario::{Profile, Scenario, Settings};
 use log::{CONTROLLER, LEG, RUN};
@@ -63,6 +63,8 @@ pub(super) struct Display {
     drawn: Option<Range<f64>>,
     /// Run id, and whether the safe command was in force, at the last tick.
     last: Option<(u32, bool)>,
+    /// Run id of the last picture, and its number in that run.
+    picture: Option<(u32, u64)>,
 }
 
 impl Display {
@@ -82,7 +84,14 @@ impl Display {
             faults: settings.faults.iter().map(ToString::to_string).collect(),
             drawn: None,
             last: None,
+            picture: None,
         })
+    }
+
+    /// Draws the ground anew with the next picture, in a medium of this density.
+    pub(super) fn redraw(&mut self, density_ratio: f64) {
+        self.density = Profile::constant(density_ratio);
+        (self.drawn, self.picture) = (None, None);
     }
 
     /// Adds the start of the run and its faults to the log.
@@ -121,7 +130,12 @@ impl Display {
             }
             _ => (),
         }
-        if tick.seq.is_multiple_of(self.every) {
+        if tick.known == Known::Nothing {
+            return;
+        }
+        // An observer may have missed the very tick.
+        let picture = (run_id, tick.seq / self.every);
+        if self.picture.replace(picture) != Some(picture) {
             self.leg(tick, is_safe, time_ns, frames);
             self.ground(tick.body.x_m, time_ns, frames);
         }
