@@ -7,7 +7,7 @@ use std::process::Command;
 use serde::Deserialize;
 
 /// Direct normal dependencies that each library may have.
-const ALLOWED: [(&str, &[&str]); 7] = [
+const ALLOWED: [(&str, &[&str]); 8] = [
     ("leg-kernel-m4f", &["heapless"]),
     (
         "leg-control",
@@ -30,6 +30,8 @@ const ALLOWED: [(&str, &[&str]); 7] = [
     ("leg-plant", &["libm", "serde", "smallvec", "thiserror"]),
     ("leg-charts", &["plotters"]),
     ("leg-simd", &[]),
+    // The apex map in the vectors of `leg-simd`.
+    ("leg-lanes", &["leg-plant", "leg-simd"]),
     ("leg-ddpg", &["leg-simd", "libm", "rand", "rand_pcg", "serde"]),
     (
         "leg-recording",

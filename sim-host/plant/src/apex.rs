@@ -7,7 +7,7 @@ use crate::flight::Flight;
 use crate::leg::{Leg, ParameterError, check_positive};
 use crate::medium::Medium;
 use crate::pair::Pair;
-use crate::stance::{self, StanceEnd};
+use crate::stance::{self, Setting, StanceEnd};
 use crate::taylor::{Field, Jet, State};
 
 /// Duration of a flight, s, above which the hop counts as a fall.
@@ -172,16 +172,7 @@ impl Hopper {
     /// ground and a motion that overflows are falls.
     #[must_use]
     pub fn hop(&self, start: Apex, action: Action) -> Hop {
-        let mut hop = Hop::begun();
-        let inputs =
-            [start.vx_m_s, start.y_m, action.touchdown_angle_rad, action.elongation_speed_m_s];
-        if inputs.iter().all(|x| x.is_finite())
-            && let Outcome::Apex(next) = self.simulate(start, action, &mut hop, |_, _| ())
-            && [next.t_s, next.x_m, next.vx_m_s, next.y_m].iter().all(|x| x.is_finite())
-        {
-            hop.outcome = Outcome::Apex(next);
-        }
-        hop
+        self.simulate(start, action, |_, _| ())
     }
 
     /// Returns the coefficient of friction that the ground must have for this hop: the largest
@@ -198,106 +189,167 @@ impl Hopper {
                 friction = friction.max(x_m.abs() / y_m);
             }
         };
-        let mut hop = Hop::begun();
-        match self.simulate(start, action, &mut hop, stances) {
+        match self.simulate(start, action, stances).outcome {
             Outcome::Apex(_) => Some(friction),
             Outcome::Fall => None,
         }
     }
 
-    /// Alternates flights and stances, and records the first stance in `hop`. `observe` is shown
-    /// the steps of each stance.
-    fn simulate(
-        &self,
-        start: Apex,
-        action: Action,
-        hop: &mut Hop,
-        mut observe: impl FnMut(&Jet, f64),
-    ) -> Outcome {
-        let (sin, cos) = libm::sincos(action.touchdown_angle_rad);
-        let reach_m = [self.rest_length_m * cos, self.rest_length_m * sin];
+    /// Alternates flights and stances. `observe` is shown the steps of each stance.
+    fn simulate(&self, start: Apex, action: Action, mut observe: impl FnMut(&Jet, f64)) -> Hop {
+        let setting = self.setting(action);
+        let (mut course, mut next) = self.begin(start, action);
+        loop {
+            match next {
+                Next::Stance(touchdown) => {
+                    let end = stance::integrate(&setting, touchdown, &mut observe);
+                    next = self.resume(&mut course, end);
+                }
+                Next::End(outcome) => return course.end(outcome),
+            }
+        }
+    }
+
+    /// Returns what all segments of the stances of a hop share.
+    pub(crate) fn setting(&self, action: Action) -> Setting {
         let elongation = Elongation {
             rest_length_m: self.rest_length_m,
             max_m: self.max_elongation_m,
             start_m: 0.0,
             rate_m_s: action.elongation_speed_m_s.max(0.0),
         };
-        let (mut t_s, mut x_m, mut y_m) = (0.0, 0.0, start.y_m);
-        let (mut vx_m_s, mut descent_m_s) = (start.vx_m_s, 0.0);
-        while hop.stance_phases < MAX_STANCES {
-            // A leg that is too long for the height cannot be swung through the ground.
-            if !(reach_m[1] > 0.0 && y_m >= reach_m[1]) {
-                return Outcome::Fall;
-            }
-            let Some(descent) = self.flight.descend(descent_m_s, y_m - reach_m[1]) else {
-                return Outcome::Fall;
+        Setting { field: self.field, elongation, tolerance_m_s: self.tolerance.velocity_m_s }
+    }
+
+    /// Begins a hop, and computes the flight to the first touchdown.
+    pub(crate) fn begin(&self, start: Apex, action: Action) -> (Course, Next) {
+        let (sin, cos) = libm::sincos(action.touchdown_angle_rad);
+        let reach_m = [self.rest_length_m * cos, self.rest_length_m * sin];
+        let mut course = Course { hop: Hop::begun(), reach_m, t_s: 0.0, foot_x_m: 0.0 };
+        let inputs =
+            [start.vx_m_s, start.y_m, action.touchdown_angle_rad, action.elongation_speed_m_s];
+        let next = if inputs.iter().all(|x| x.is_finite()) {
+            let apex = State {
+                position_m: Pair([0.0, start.y_m]),
+                velocity_m_s: Pair([start.vx_m_s, 0.0]),
             };
-            if descent.t_s > MAX_FLIGHT_S {
-                return Outcome::Fall;
-            }
-            t_s += descent.t_s;
-            let (distance_m, touchdown_vx_m_s) = self.flight.horizontal(vx_m_s, descent.t_s);
-            x_m += distance_m;
-            let foot_x_m = x_m - reach_m[0];
-            if !foot_x_m.is_finite() {
-                return Outcome::Fall;
-            }
-            hop.stance_phases += 1;
-            if hop.stance_phases == 1 {
-                hop.touchdown = Some(Touchdown { t_s, foot_x_m });
-            }
-            let touchdown = State {
-                position_m: Pair(reach_m),
-                velocity_m_s: Pair([touchdown_vx_m_s, -descent.speed_m_s]),
-            };
-            let tolerance_m_s = self.tolerance.velocity_m_s;
-            let end =
-                stance::integrate(&self.field, touchdown, &elongation, tolerance_m_s, &mut observe);
-            match end {
-                StanceEnd::Fall => return Outcome::Fall,
-                StanceEnd::Apex { t_s: stance_s, state } => {
-                    return Outcome::Apex(NextApex {
-                        t_s: t_s + stance_s,
-                        x_m: foot_x_m + state.position_m[0],
-                        vx_m_s: state.velocity_m_s[0],
-                        y_m: state.position_m[1],
-                        in_stance: true,
-                    });
+            self.descend(&mut course, &apex)
+        } else {
+            Next::End(Outcome::Fall)
+        };
+        (course, next)
+    }
+
+    /// Continues a hop after a stance.
+    pub(crate) fn resume(&self, course: &mut Course, end: StanceEnd) -> Next {
+        match end {
+            StanceEnd::Fall => Next::End(Outcome::Fall),
+            StanceEnd::Apex { t_s, state } => Next::End(Outcome::Apex(NextApex {
+                t_s: course.t_s + t_s,
+                x_m: course.foot_x_m + state.position_m[0],
+                vx_m_s: state.velocity_m_s[0],
+                y_m: state.position_m[1],
+                in_stance: true,
+            })),
+            StanceEnd::LiftOff { t_s, mut state } => {
+                course.t_s += t_s;
+                if course.hop.stance_phases == 1 {
+                    course.hop.liftoff_t_s = Some(course.t_s);
                 }
-                StanceEnd::LiftOff { t_s: stance_s, state } => {
-                    t_s += stance_s;
-                    if hop.stance_phases == 1 {
-                        hop.liftoff_t_s = Some(t_s);
-                    }
-                    x_m = foot_x_m + state.position_m[0];
-                    y_m = state.position_m[1];
-                    let vy_m_s = state.velocity_m_s[1];
-                    vx_m_s = state.velocity_m_s[0];
-                    if vy_m_s >= 0.0 {
-                        return self.ascend(t_s, x_m, y_m, vx_m_s, vy_m_s);
-                    }
-                    descent_m_s = -vy_m_s;
+                state.position_m[0] += course.foot_x_m;
+                if state.velocity_m_s[1] >= 0.0 {
+                    Next::End(self.ascend(course.t_s, &state))
+                } else if course.hop.stance_phases < MAX_STANCES {
+                    self.descend(course, &state)
+                } else {
+                    Next::End(Outcome::Fall)
                 }
             }
         }
-        Outcome::Fall
     }
 
-    /// Computes the apex after a rising lift-off.
-    fn ascend(&self, t_s: f64, x_m: f64, y_m: f64, vx_m_s: f64, vy_m_s: f64) -> Outcome {
+    /// Computes the flight from a body that does not rise to the next touchdown. Positions of
+    /// `body` count from the start of the hop and the ground.
+    fn descend(&self, course: &mut Course, body: &State) -> Next {
+        let [reach_x_m, reach_y_m] = course.reach_m;
+        let [x_m, y_m] = body.position_m.0;
+        let [vx_m_s, vy_m_s] = body.velocity_m_s.0;
+        // A leg that is too long for the height cannot be swung through the ground.
+        if !(reach_y_m > 0.0 && y_m >= reach_y_m) {
+            return Next::End(Outcome::Fall);
+        }
+        let Some(descent) = self.flight.descend(-vy_m_s, y_m - reach_y_m) else {
+            return Next::End(Outcome::Fall);
+        };
+        if descent.t_s > MAX_FLIGHT_S {
+            return Next::End(Outcome::Fall);
+        }
+        course.t_s += descent.t_s;
+        let (distance_m, touchdown_vx_m_s) = self.flight.horizontal(vx_m_s, descent.t_s);
+        course.foot_x_m = x_m + distance_m - reach_x_m;
+        if !course.foot_x_m.is_finite() {
+            return Next::End(Outcome::Fall);
+        }
+        course.hop.stance_phases += 1;
+        if course.hop.stance_phases == 1 {
+            course.hop.touchdown = Some(Touchdown { t_s: course.t_s, foot_x_m: course.foot_x_m });
+        }
+        Next::Stance(State {
+            position_m: Pair(course.reach_m),
+            velocity_m_s: Pair([touchdown_vx_m_s, -descent.speed_m_s]),
+        })
+    }
+
+    /// Computes the apex after a rising lift-off at `t_s`.
+    fn ascend(&self, t_s: f64, body: &State) -> Outcome {
+        let [vx_m_s, vy_m_s] = body.velocity_m_s.0;
         match self.flight.ascend(vy_m_s) {
             Some((ascent_s, height_m)) if ascent_s <= MAX_FLIGHT_S => {
                 let (distance_m, vx_m_s) = self.flight.horizontal(vx_m_s, ascent_s);
                 Outcome::Apex(NextApex {
                     t_s: t_s + ascent_s,
-                    x_m: x_m + distance_m,
+                    x_m: body.position_m[0] + distance_m,
                     vx_m_s,
-                    y_m: y_m + height_m,
+                    y_m: body.position_m[1] + height_m,
                     in_stance: false,
                 })
             }
             _ => Outcome::Fall,
         }
+    }
+}
+
+/// A hop under way.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Course {
+    hop: Hop,
+    /// Vector from the foot to the body at touchdown.
+    reach_m: [f64; 2],
+    /// Time of the latest touchdown or lift-off.
+    t_s: f64,
+    /// Place of the foot at the latest touchdown.
+    foot_x_m: f64,
+}
+
+/// What follows in a hop.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Next {
+    /// A stance from this touchdown.
+    Stance(State),
+    /// The end of the hop.
+    End(Outcome),
+}
+
+impl Course {
+    /// Returns the hop with its outcome. A motion that overflowed is a fall.
+    pub(crate) fn end(self, outcome: Outcome) -> Hop {
+        let finite = match outcome {
+            Outcome::Apex(next) => {
+                [next.t_s, next.x_m, next.vx_m_s, next.y_m].iter().all(|x| x.is_finite())
+            }
+            Outcome::Fall => true,
+        };
+        Hop { outcome: if finite { outcome } else { Outcome::Fall }, ..self.hop }
     }
 }
 

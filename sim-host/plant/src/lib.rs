@@ -1,6 +1,10 @@
 #![doc = include_str!("../README.md")]
 #![no_std]
 #![forbid(unsafe_code)]
+#![allow(
+    clippy::inline_always,
+    reason = "what is inlined is compiled for the instruction set of a vector"
+)]
 
 #[cfg(test)]
 extern crate std;
@@ -10,10 +14,13 @@ mod contact;
 mod elongation;
 mod flight;
 mod ground;
+#[doc(hidden)]
+pub mod lanes;
 mod leg;
 mod losses;
 mod medium;
 mod pair;
+mod real;
 mod roots;
 mod stance;
 mod taylor;

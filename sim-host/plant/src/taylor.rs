@@ -9,14 +9,15 @@
 //! ```
 //!
 //! Every product is a convolution of coefficients, so each order follows from the lower ones.
-//! The convolutions run two at a time, one in each lane of a 128-bit register: (x, y),
-//! (vx, vy) and (l, s). Each adds the newest coefficients last, so that the rest of the sum does
-//! not wait for them.
-
-use libm::sqrt;
+//! The convolutions run two at a time: (x, y), (vx, vy) and (l, s), of `f64` each in a 128-bit
+//! register. Each adds the newest coefficients last, so that the rest of the sum does not wait for
+//! them.
+//!
+//! All is generic over [`Real`], so that vectors compute several stances at once.
 
 use crate::elongation::Ramp;
 use crate::pair::Pair;
+use crate::real::{Mask, Real};
 
 /// Number of coefficients. The work of a series grows with its square, and its reach more slowly:
 /// 12 to 20 take about the same time at the golden tolerance, and fewer are better at looser ones.
@@ -24,55 +25,69 @@ const N: usize = 14;
 
 /// The vector field of the stance: coefficients of the accelerations, per moving mass.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Field {
+pub(crate) struct Field<L = f64> {
     /// Spring stiffness per moving mass.
-    pub(crate) spring_per_s2: f64,
+    pub(crate) spring_per_s2: L,
     /// Drag along x and y, per squared speed.
-    pub(crate) drag_per_m: Pair,
+    pub(crate) drag_per_m: Pair<L>,
     /// Weight less buoyancy.
-    pub(crate) net_gravity_m_s2: f64,
+    pub(crate) net_gravity_m_s2: L,
 }
 
 /// Position of the mass relative to the foot, and its velocity.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct State {
-    pub(crate) position_m: Pair,
-    pub(crate) velocity_m_s: Pair,
+pub(crate) struct State<L = f64> {
+    pub(crate) position_m: Pair<L>,
+    pub(crate) velocity_m_s: Pair<L>,
+}
+
+impl<L: Real> State<L> {
+    #[inline(always)]
+    pub(crate) fn select(mask: L::Mask, yes: &Self, no: &Self) -> Self {
+        Self {
+            position_m: Pair::select(mask, yes.position_m, no.position_m),
+            velocity_m_s: Pair::select(mask, yes.velocity_m_s, no.velocity_m_s),
+        }
+    }
 }
 
 /// The event function of lift-off with its rate, and the accelerations.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Rates {
+pub(crate) struct Rates<L = f64> {
     /// Leg length less rest length, 0 at lift-off.
-    pub(crate) excess_m: f64,
-    pub(crate) excess_m_s: f64,
-    pub(crate) acceleration_m_s2: Pair,
+    pub(crate) excess_m: L,
+    pub(crate) excess_m_s: L,
+    pub(crate) acceleration_m_s2: Pair<L>,
 }
 
-impl Field {
+impl<L: Real> Field<L> {
     /// Returns true if there is any drag.
-    pub(crate) fn has_drag(&self) -> bool {
-        self.drag_per_m != Pair::ZERO
+    #[inline(always)]
+    pub(crate) fn has_drag(&self) -> L::Mask {
+        let Pair([x, y]) = self.drag_per_m;
+        let zero = x.splat(0.0);
+        !(x.eq(zero) & y.eq(zero))
     }
 
     /// Returns the signed drag coefficients that hold just after a state. A velocity of 0 takes
     /// the sign of its acceleration.
-    fn drag(&self, velocity_m_s: Pair, free_m_s2: Pair) -> Pair {
-        let signed = |i: usize| {
-            let sign = if velocity_m_s[i] == 0.0 { free_m_s2[i] } else { velocity_m_s[i] };
-            self.drag_per_m[i].copysign(sign)
-        };
-        Pair([signed(0), signed(1)])
+    #[inline(always)]
+    fn drag(&self, velocity_m_s: Pair<L>, free_m_s2: Pair<L>) -> Pair<L> {
+        Pair([
+            signed(self.drag_per_m[0], velocity_m_s[0], free_m_s2[0]),
+            signed(self.drag_per_m[1], velocity_m_s[1], free_m_s2[1]),
+        ])
     }
 
     /// Evaluates the right-hand side at one state.
-    fn rates(&self, state: &State, ramp: Ramp, t_s: f64) -> Rates {
+    #[inline(always)]
+    fn rates(&self, state: &State<L>, ramp: Ramp<L>, t_s: L) -> Rates<L> {
         let State { position_m, velocity_m_s } = *state;
         let rest_m = ramp.length_m + ramp.rate_m_s * t_s;
-        let length_m = sqrt(position_m.dot(position_m));
-        let per_length = 1.0 / length_m;
+        let length_m = position_m.dot(position_m).sqrt();
+        let per_length = t_s.splat(1.0) / length_m;
         let pull = self.spring_per_s2 * (rest_m - length_m) * per_length;
-        let free = position_m.scaled(pull) - Pair([0.0, self.net_gravity_m_s2]);
+        let free = position_m.scaled(pull) - Pair([t_s.splat(0.0), self.net_gravity_m_s2]);
         let drag = self.drag(velocity_m_s, free);
         Rates {
             excess_m: length_m - rest_m,
@@ -82,56 +97,66 @@ impl Field {
     }
 }
 
+/// Returns `drag` with the sign of the velocity, or of the acceleration where that is 0.
+#[inline(always)]
+fn signed<L: Real>(drag: L, velocity_m_s: L, free_m_s2: L) -> L {
+    drag.copysign(L::select(velocity_m_s.eq(drag.splat(0.0)), free_m_s2, velocity_m_s))
+}
+
 /// Taylor coefficients of a stance around one instant; the time is in seconds.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Jet {
-    pub(crate) position: [Pair; N],
-    pub(crate) velocity: [Pair; N],
+pub(crate) struct Jet<L = f64> {
+    pub(crate) position: [Pair<L>; N],
+    pub(crate) velocity: [Pair<L>; N],
     /// Leg length `l` and pull `s`.
-    length_pull: [Pair; N],
-    /// Leg length in both lanes, as a factor of the convolutions.
-    length: [Pair; N],
-    /// Pull in both lanes.
-    pull: [Pair; N],
-    ramp: Ramp,
+    length_pull: [Pair<L>; N],
+    /// Leg length in both components, as a factor of the convolutions.
+    length: [Pair<L>; N],
+    /// Pull in both components.
+    pull: [Pair<L>; N],
+    ramp: Ramp<L>,
 }
 
 /// Values that all orders of a series use.
 #[derive(Clone, Copy)]
-struct Constants {
-    position: Pair,
-    twice_velocity: Pair,
-    drag: Pair,
-    pull: f64,
-    per_length: f64,
-    /// Derivative of the pull by the length, negated, in lane 1.
-    stiffen: Pair,
+struct Constants<L: Real> {
+    position: Pair<L>,
+    twice_velocity: Pair<L>,
+    has_drag: L::Mask,
+    drag: Pair<L>,
+    pull: L,
+    per_length: L,
+    /// Derivative of the pull by the length, negated, in component 1.
+    stiffen: Pair<L>,
 }
 
 /// A sum that does not start from 0: the compiler may not remove an addition to 0.
-struct Sum(Option<Pair>);
+struct Sum<L>(Option<Pair<L>>);
 
-impl Sum {
+impl<L: Real> Sum<L> {
     const EMPTY: Self = Self(None);
 
-    #[inline]
-    fn add(&mut self, term: Pair) {
+    #[inline(always)]
+    fn add(&mut self, term: Pair<L>) {
         self.0 = Some(match self.0 {
             Some(sum) => sum + term,
             None => term,
         });
     }
 
-    #[inline]
+    #[inline(always)]
     fn double(&mut self) {
         if let Some(sum) = self.0 {
             self.0 = Some(sum + sum);
         }
     }
 
-    #[inline]
-    fn total(self) -> Pair {
-        self.0.unwrap_or(Pair::ZERO)
+    #[inline(always)]
+    fn total(self, zero: L) -> Pair<L> {
+        match self.0 {
+            Some(sum) => sum,
+            None => Pair([zero; 2]),
+        }
     }
 }
 
@@ -146,35 +171,39 @@ const RECIPROCAL: [f64; N] = {
     table
 };
 
-impl Jet {
+impl<L: Real> Jet<L> {
     /// Creates an empty series.
-    pub(crate) fn new() -> Self {
+    pub(crate) fn new(zero: L) -> Self {
+        let none = [Pair([zero; 2]); N];
         Self {
-            position: [Pair::ZERO; N],
-            velocity: [Pair::ZERO; N],
-            length_pull: [Pair::ZERO; N],
-            length: [Pair::ZERO; N],
-            pull: [Pair::ZERO; N],
-            ramp: Ramp { length_m: 0.0, rate_m_s: 0.0 },
+            position: none,
+            velocity: none,
+            length_pull: none,
+            length: none,
+            pull: none,
+            ramp: Ramp { length_m: zero, rate_m_s: zero },
         }
     }
 
     /// Expands the motion around `state` under `ramp`.
-    pub(crate) fn expand(&mut self, field: &Field, state: &State, ramp: Ramp) {
-        if field.has_drag() {
+    #[inline(always)]
+    pub(crate) fn expand(&mut self, field: &Field<L>, state: &State<L>, ramp: Ramp<L>) {
+        if field.has_drag().any() {
             self.recur::<true>(field, state, ramp);
         } else {
             self.recur::<false>(field, state, ramp);
         }
     }
 
-    fn recur<const DRAG: bool>(&mut self, field: &Field, state: &State, ramp: Ramp) {
+    #[inline(always)]
+    fn recur<const DRAG: bool>(&mut self, field: &Field<L>, state: &State<L>, ramp: Ramp<L>) {
         let (position, velocity) = (state.position_m, state.velocity_m_s);
         let stiffness = field.spring_per_s2;
-        let length = sqrt(position.dot(position));
-        let per_length = 1.0 / length;
+        let zero = stiffness.splat(0.0);
+        let length = position.dot(position).sqrt();
+        let per_length = stiffness.splat(1.0) / length;
         let pull = stiffness * (ramp.length_m - length) * per_length;
-        let free = position.scaled(pull) - Pair([0.0, field.net_gravity_m_s2]);
+        let free = position.scaled(pull) - Pair([zero, field.net_gravity_m_s2]);
         let drag = field.drag(velocity, free);
         self.ramp = ramp;
         self.position[0] = position;
@@ -186,16 +215,18 @@ impl Jet {
         let c = Constants {
             position,
             twice_velocity: velocity + velocity,
+            has_drag: field.has_drag(),
             drag,
             pull,
             per_length,
-            stiffen: Pair([0.0, (stiffness + pull) * per_length]),
+            stiffen: Pair([zero, (stiffness + pull) * per_length]),
         };
-        let mut last = self.order::<DRAG, 1>(&c, Pair::ZERO, stiffness * ramp.rate_m_s);
+        let none = Pair([zero; 2]);
+        let mut last = self.order::<DRAG, 1>(&c, none, stiffness * ramp.rate_m_s);
         // The orders are constants, because a loop over them mispredicts the end of each sum.
         macro_rules! orders {
             ($($n:literal)*) => {
-                $(last = self.order::<DRAG, $n>(&c, last, 0.0);)*
+                $(last = self.order::<DRAG, $n>(&c, last, zero);)*
             };
         }
         orders!(2 3 4 5 6 7 8 9 10 11 12);
@@ -208,15 +239,16 @@ impl Jet {
     ///
     /// `last` holds length and pull of order `n - 1`. They are passed in registers, because
     /// a pair that was just stored in halves is slow to load.
-    #[expect(clippy::inline_always, reason = "each order becomes straight-line code")]
     #[inline(always)]
     fn order<const DRAG: bool, const ORDER: usize>(
         &mut self,
-        c: &Constants,
-        last: Pair,
-        pushed: f64,
-    ) -> Pair {
+        c: &Constants<L>,
+        last: Pair<L>,
+        pushed: L,
+    ) -> Pair<L> {
         let n = ORDER;
+        let (zero, half) = (pushed.splat(0.0), pushed.splat(0.5));
+        let part = pushed.splat(RECIPROCAL[n + 1]);
         let (mut lengths_pulls, mut pulled) = (Sum::EMPTY, Sum::EMPTY);
         let mut i = 1;
         while i + 1 < n {
@@ -250,10 +282,11 @@ impl Jet {
             lengths_pulls.add(self.length_pull[1].scaled(last[0]));
             pulled.add(self.position[1].scaled(last[1]));
         }
-        let (lengths_pulls, squares) = (lengths_pulls.total(), squares.total());
+        let (lengths_pulls, squares) = (lengths_pulls.total(zero), squares.total(zero));
         let newest = self.position[n];
-        let stretched = c.position * newest + squares.scaled(0.5);
-        let sum = Pair([stretched[0] + stretched[1], pushed]) - lengths_pulls * Pair([0.5, 1.0]);
+        let stretched = c.position * newest + squares.scaled(half);
+        let halved = lengths_pulls * Pair([half, pushed.splat(1.0)]);
+        let sum = Pair([stretched[0] + stretched[1], pushed]) - halved;
         let sum = sum.scaled(c.per_length);
         let length_pull = sum - c.stiffen.scaled(sum[0]);
         let [length, pull] = length_pull.0;
@@ -261,25 +294,28 @@ impl Jet {
         self.length[n] = Pair([length, length]);
         self.pull[n] = Pair([pull, pull]);
         pulled.add(newest.scaled(c.pull));
-        let mut force = pulled.total() + c.position.scaled(pull);
+        let mut force = pulled.total(zero) + c.position.scaled(pull);
         if DRAG {
             dragged.add(c.twice_velocity * self.velocity[n]);
-            force = force - c.drag * dragged.total();
+            let slowed = force - c.drag * dragged.total(zero);
+            force = Pair::select(c.has_drag, slowed, force);
         }
-        let next = force.scaled(RECIPROCAL[n + 1]);
+        let next = force.scaled(part);
         self.velocity[n + 1] = next;
-        self.position[n + 1] = self.velocity[n].scaled(RECIPROCAL[n + 1]);
+        self.position[n + 1] = self.velocity[n].scaled(part);
         length_pull
     }
 
-    fn set_length_pull(&mut self, n: usize, length: f64, pull: f64) {
+    #[inline(always)]
+    fn set_length_pull(&mut self, n: usize, length: L, pull: L) {
         self.length_pull[n] = Pair([length, pull]);
         self.length[n] = Pair([length, length]);
         self.pull[n] = Pair([pull, pull]);
     }
 
     /// Returns the rates at the start.
-    pub(crate) fn start_rates(&self) -> Rates {
+    #[inline(always)]
+    pub(crate) fn start_rates(&self) -> Rates<L> {
         Rates {
             excess_m: self.length_pull[0][0] - self.ramp.length_m,
             excess_m_s: self.length_pull[1][0] - self.ramp.rate_m_s,
@@ -288,34 +324,31 @@ impl Jet {
     }
 
     /// Evaluates the rates at `state`, which is `t_s` after the start.
-    pub(crate) fn rates(&self, field: &Field, state: &State, t_s: f64) -> Rates {
+    #[inline(always)]
+    pub(crate) fn rates(&self, field: &Field<L>, state: &State<L>, t_s: L) -> Rates<L> {
         field.rates(state, self.ramp, t_s)
     }
 
     /// Returns the longest step whose last terms stay below `tolerance_m_s`, s.
-    pub(crate) fn reach_s(&self, tolerance_m_s: f64) -> f64 {
-        let size = |n: usize| self.velocity[n][0].abs().max(self.velocity[n][1].abs());
-        let reach = |n: usize| rough_root(tolerance_m_s / size(n), n);
-        reach(N - 1).min(reach(N - 2))
+    #[inline(always)]
+    pub(crate) fn reach_s(&self, tolerance_m_s: L) -> L {
+        let [last, before] = [&self.velocity[N - 1], &self.velocity[N - 2]];
+        let size = last[0].abs().max(last[1].abs());
+        let reach = (tolerance_m_s / size).rough_root::<{ N - 1 }>();
+        let size = before[0].abs().max(before[1].abs());
+        reach.min((tolerance_m_s / size).rough_root::<{ N - 2 }>())
     }
 
     /// Evaluates the state `t_s` after the start.
-    pub(crate) fn at(&self, t_s: f64) -> State {
+    #[inline(always)]
+    pub(crate) fn at(&self, t_s: L) -> State<L> {
         State { position_m: value(&self.position, t_s), velocity_m_s: value(&self.velocity, t_s) }
     }
 }
 
-/// Estimates the `n`-th root of a positive number to a few percent, from the fact that the bits of
-/// a float are nearly its logarithm. Unlike `powf` it gives the same bits on every machine.
-#[inline]
-fn rough_root(x: f64, n: usize) -> f64 {
-    const ONE: i64 = 1.0_f64.to_bits().cast_signed();
-    let over_one = x.to_bits().cast_signed() - ONE;
-    f64::from_bits((ONE + over_one / n.cast_signed() as i64).cast_unsigned())
-}
-
 /// Evaluates both polynomials at `t`. Even and odd powers form separate dependency chains.
-fn value(p: &[Pair; N], t: f64) -> Pair {
+#[inline(always)]
+fn value<L: Real>(p: &[Pair<L>; N], t: L) -> Pair<L> {
     const { assert!(N.is_multiple_of(2)) };
     let square = t * t;
     let (mut even, mut odd) = (p[N - 2], p[N - 1]);

@@ -1,4 +1,4 @@
-//! Vectors of `f32`, and the choice of the instruction set at run time.
+//! Vectors of `f32` and `f64`, and the choice of the instruction set at run time.
 //!
 //! Numerical code is written once, generic over [`Simd`], and compiled for each [`Isa`]. Every
 //! operation is one IEEE operation per lane, in the order written, and never contracted to a
@@ -14,9 +14,12 @@
     reason = "code that is inlined is compiled for the instruction set"
 )]
 
+mod doubles;
 mod portable;
 #[cfg(target_arch = "x86_64")]
 mod x86;
+
+pub use doubles::{Doubles, Mask};
 
 /// An instruction set that kernels are compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -75,6 +78,8 @@ pub trait Simd: Copy {
     type V16: Sum<Token = Self>;
     /// The columns of a tile of the matrix product.
     type Wide: Vector<Token = Self>;
+    /// The `f64` of a register, or of several where one would wait for its results.
+    type Doubles: Doubles<Token = Self>;
     /// Whether the registers hold ten rows of `Wide` sums, or only five.
     const MANY_REGISTERS: bool;
 }

@@ -1,15 +1,19 @@
 //! Vectors as plain arrays, for the compilation target's own instructions.
 
+mod doubles;
+
 use super::{Pair, Simd, Sum, Vector};
+use doubles::Two;
 
 /// The token of the baseline, which needs no proof.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Portable;
+pub(crate) struct Portable;
 
 impl Simd for Portable {
     type V8 = Array;
     type V16 = Pair<Array, Array>;
     type Wide = Array;
+    type Doubles = Two;
     const MANY_REGISTERS: bool = false;
 }
 

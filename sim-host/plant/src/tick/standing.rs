@@ -6,7 +6,7 @@ use crate::elongation::{Elongation, Ramp};
 use crate::ground::Ground;
 use crate::pair::Pair;
 use crate::roots::falling_root;
-use crate::stance::{Corner, Segment};
+use crate::stance::Segment;
 use crate::taylor::{Jet, State};
 
 /// Longest time over which a series is not checked against the cone of friction.
@@ -72,8 +72,8 @@ impl TickPlant {
                 return self.stand_with_losses(tick, &part, forces, &contact, lands, events);
             }
         }
-        let mut jet = Jet::new();
-        let mut segment = Segment::integrate(
+        let mut jet = Jet::new(0.0);
+        let mut segment = Segment::of_one(
             &mut jet,
             &tick.field,
             &start,
@@ -82,10 +82,12 @@ impl TickPlant {
             part.limit_s(),
             self.tolerance.velocity_m_s,
         );
-        let mut corner = match segment.corner {
-            Corner::LiftOff => ContactCorner::LiftOff,
-            Corner::Apex => ContactCorner::Apex,
-            Corner::Limit | Corner::HorizontalTurn | Corner::Bottom => ContactCorner::Limit,
+        let mut corner = if segment.corner.lift_off {
+            ContactCorner::LiftOff
+        } else if segment.corner.apex {
+            ContactCorner::Apex
+        } else {
+            ContactCorner::Limit
         };
         if let Some(forces) = &forces {
             let margin = |t_s: f64| forces.margin_m_s2(&Contact::holding(jet.at(t_s)), t_s);
