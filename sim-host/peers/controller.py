@@ -1,8 +1,7 @@
 """Plays the controller for `sim-host run`, in lock-step or by the clock: places the foot by the speed."""
-import argparse, fcntl, json, math, os, secrets, select, socket, sys
+import argparse, contextlib, fcntl, json, math, os, secrets, select, socket, sys
 from ctypes import Structure, c_float as F32, c_uint16 as U16, c_uint32 as U32, c_uint64 as U64
 import iceoryx2 as iox2  # pip install iceoryx2==0.10.0
-
 HEADER = [("version", U16), ("flags", U16), ("run_id", U32), ("seq", U64), ("t_ns", U64)]
 class Sample(Structure):
     type_name = lambda: "leg.sample.v2"
@@ -23,8 +22,7 @@ role.truncate(0), print(os.getpid(), file=role, flush=True)
 if os.path.exists(f"{domain}/session.sock"): os.remove(f"{domain}/session.sock")
 listener = socket.socket(socket.AF_UNIX)
 listener.bind(f"{domain}/session.sock"), listener.listen()
-peer, _ = listener.accept()
-lines = peer.makefile()
+lines = (peer := listener.accept()[0]).makefile()
 def send(line): peer.sendall((json.dumps(line) + "\n").encode())
 leg = json.loads(lines.readline())["hello"]
 
@@ -40,21 +38,23 @@ def service(name, kind):
     return builder.subscriber_max_buffer_size(1).subscriber_max_borrowed_samples(2).create()
 samples = service("leg/samples", Sample).subscriber_builder().create()
 commands = service("leg/commands", Command).publisher_builder().create()
-params = dict(wire_version=2, rate_hz=1000, gravity_m_s2=9.81)
-send({"hello": {"version": 1, "pid": os.getpid(), "params": params, "session": session}})
+wake, place = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM), session["folder"] + "/{}.wake"  # Both sides block on it.
+wake.bind(place.format("controller")), wake.setblocking(False)
+send({"hello": {"version": 1, "pid": os.getpid(), "params": {"wire_version": 2, "rate_hz": 1000, "gravity_m_s2": 9.81}, "session": session}})
 if (answer := lines.readline()) != '"ready"\n': sys.exit(f"the leg refuses: {answer or 'it has left'}")
-commands.update_connections(), samples.has_samples()
+commands.update_connections(), samples.has_samples(), wake.connect(place.format("leg"))
 send("ready")
-
-ticks, polls = 0, 0
+ticks = 0
 while True:
     if (received := samples.receive()) is None:
-        if (polls := polls + 1) > 50 and select.select([peer], [], [], 2e-5)[0]: break
+        if peer in select.select([peer, wake], [], [])[0]: break
+        wake.recv(1)
         continue
-    sample, polls = Sample.from_buffer_copy(received.payload().contents), 0
+    sample = Sample.from_buffer_copy(received.payload().contents)
     received.delete()
     if sample.flags == 16: break  # the end of the run
     angle = math.pi / 2 + 0.17 * sample.vx - 0.05 * sample.set_point  # The foot lands ahead of the mass by the speed.
     commands.send_copy(Command(2, 0, sample.run_id, sample.seq, sample.t_ns, angle))
+    with contextlib.suppress(OSError): wake.send(b"0")
     ticks += 1
 print(json.dumps({"ticks": ticks}))

@@ -1,5 +1,5 @@
 """Plays the leg for the program `controller`: a hopper in air, in lock-step or by the clock."""
-import argparse, cmath, json, math, os, select, socket, sys, time
+import argparse, cmath, contextlib, json, math, os, select, socket, sys, time
 from ctypes import Structure, c_float as F32, c_uint16 as U16, c_uint32 as U32, c_uint64 as U64
 import iceoryx2 as iox2  # pip install iceoryx2==0.10.0
 HEADER = [("version", U16), ("flags", U16), ("run_id", U32), ("seq", U64), ("t_ns", U64)]
@@ -7,34 +7,35 @@ def message(name, fields): return type(name, (Structure,), {"_fields_": HEADER +
 Sample = message("leg.sample.v2", [(f, F32) for f in "set_point vx y vy leg_length density".split()] + [("sensors", U32 * 12)])
 Command = message("leg.command.v2", [("angle", F32), ("elongation", F32), ("rate", F32), ("telemetry", U32 * 7)])
 options = argparse.ArgumentParser(description=__doc__)
-usual = {"domain": "default", "mode": "lock-step", "set-point": 0.0, "duration": 10.0}
-for name in usual: options.add_argument("--" + name, type=type(usual[name]), default=usual[name])
+for name, usual in {"domain": "default", "mode": "lock-step", "set-point": 0.0, "duration": 10.0}.items():
+    options.add_argument("--" + name, type=type(usual), default=usual)
 options = options.parse_args()
 peer = socket.socket(socket.AF_UNIX)  # Agree with the controller, then open the session's shared memory.
 peer.connect(f"/dev/shm/spring-leg-{os.getuid()}/{options.domain}/session.sock")
-lines = peer.makefile()
+lines, config = peer.makefile(), iox2.config.default()
 def send(line): peer.sendall((json.dumps(line) + "\n").encode())
-params = {"wire_version": 2, "rate_hz": 1000, "gravity_m_s2": 9.81, "time_mode": options.mode}
-send({"hello": {"version": 1, "pid": os.getpid(), "params": params}})
-answer = json.loads(lines.readline())["hello"]
-session = answer.get("session") or sys.exit("the controller refuses: " + answer["refused"])
-config = iox2.config.default()
-config.global_cfg.prefix = iox2.FileName.new(session["prefix"])
-config.global_cfg.root_path = iox2.Path.new(session["folder"])
+send({"hello": {"version": 1, "pid": os.getpid(), "params": {"wire_version": 2, "rate_hz": 1000, "gravity_m_s2": 9.81, "time_mode": options.mode}}})
+session = (answer := json.loads(lines.readline())["hello"]).get("session") or sys.exit("the controller refuses: " + answer["refused"])
+config.global_cfg.prefix, config.global_cfg.root_path = iox2.FileName.new(session["prefix"]), iox2.Path.new(session["folder"])
 node = iox2.NodeBuilder.new().config(config).create(iox2.ServiceType.Ipc)
 service = lambda name, kind: node.service_builder(iox2.ServiceName.new(name)).publish_subscribe(kind).open()
 samples, commands = service("leg/samples", Sample).publisher_builder().create(), service("leg/commands", Command).subscriber_builder().create()
-send("ready")
+wake, place = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM), session["folder"] + "/{}.wake"  # Both sides block on it.
+wake.bind(place.format("leg")), wake.setblocking(False), send("ready")
 if (answer := lines.readline()) != '"ready"\n': sys.exit("the controller refuses: " + answer)
+wake.connect(place.format("controller"))
+def send_sample(*fields):
+    samples.send_copy(Sample(*fields))
+    with contextlib.suppress(OSError): wake.send(b"0")
 def receive(answers):  # the newest command, or None; in lock-step wait for the one that answers
-    for poll in range(sys.maxsize if answers else 1):
-        if received := commands.receive():
+    while (received := commands.receive()) or answers:
+        if received:
             command = Command.from_buffer_copy(received.payload().contents)
             received.delete()
             if not answers or command.seq == seq: return command
-        if poll > 50 and select.select([peer], [], [], 2e-5)[0]: sys.exit("the controller has left")
-
-body, speed, foot, seq, apexes = 2j, 0j, None, 0, []  # x + iy in the plane
+        elif peer in select.select([peer, wake], [], [])[0]: sys.exit("the controller has left")
+        else: wake.recv(1)
+body, speed, foot, seq, apexes, command, ticks = 2j, 0j, None, 0, [], None, 1  # x + iy in the plane
 def play(angle, elongation, rate):  # one tick: 80 kg, with 8 kg of added mass, on a spring of 20 kN/m
     global body, speed, foot
     for step in range(20):
@@ -45,9 +46,8 @@ def play(angle, elongation, rate):  # one tick: 80 kg, with 8 kg of added mass, 
             foot, push = (foot, push + 20000 / 88 * (rest / abs(leg) - 1) * leg) if abs(leg) < rest + 1e-9 else (None, push)
         if speed.imag > 0 >= (speed + push * 50e-6).imag: apexes.append(speed.real)
         speed, body = speed + push * 50e-6, body + (speed + push * 50e-6) * 25e-6
-command, start, ticks = None, time.monotonic(), 1
 while seq < 1000 * options.duration and body.imag > 0:
-    samples.send_copy(Sample(2, 0b11100001 + 2 * (foot is not None), 1, seq, seq * 10**6, options.set_point, speed.real, body.imag, speed.imag))
+    send_sample(2, 0b11100001 + 2 * (foot is not None), 1, seq, seq * 10**6, options.set_point, speed.real, body.imag, speed.imag)
     if options.mode == "real-time" and command:  # Play all ticks that are due, under the newest command.
         time.sleep(max(0, start + (seq + 1) / 1000 - time.monotonic()))
         command, ticks = receive(False) or command, max(1, int(1000 * (time.monotonic() - start)) - seq)
@@ -56,5 +56,5 @@ while seq < 1000 * options.duration and body.imag > 0:
     for seq in range(seq + 1, seq + 1 + ticks):  # After 10 ms without a command the leg is upright and passive.
         age = (seq - 1 - command.seq) / 1000
         play(*(command.angle, command.elongation + age * command.rate, command.rate) if age < 0.01 else (math.pi / 2, 0, 0))
-samples.send_copy(Sample(2, 16, 1, seq)), send("left")  # the end of the run, and of the session
+send_sample(2, 16, 1, seq), send("left")  # the end of the run, and of the session
 print(json.dumps({"ticks": seq, "ticks_per_s": round(seq / (time.monotonic() - start)), "hops": len(apexes), "apexes_m_s": apexes}))

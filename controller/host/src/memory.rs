@@ -74,7 +74,7 @@ impl<Out: Copy + Send, In: Copy + Send> Link for MemoryLink<Out, In> {
                 Ok(None)
             }
         };
-        waiter.wait_for(timeout, poll, || Ok(()))
+        waiter.wait_for(timeout, None, poll, || Ok(()))
     }
 }
 

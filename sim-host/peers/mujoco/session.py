@@ -1,5 +1,6 @@
 """The leg's side of a session in lock-step, as controller/host/SESSION.md describes it."""
 
+import contextlib
 import json
 import os
 import select
@@ -49,10 +50,21 @@ class LegSession:
         )
         self.samples = service("leg/samples", Sample).publisher_builder().create()
         self.commands = service("leg/commands", Command).subscriber_builder().create()
+        # Both sides block on these sockets, and send a byte after each message.
+        self.wake = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.wake.bind(answer["session"]["folder"] + "/leg.wake")
+        self.wake.setblocking(False)
+        controller = answer["session"]["folder"] + "/controller.wake"
         self.send("ready")
         answer = self.lines.readline()
         if answer != '"ready"\n':
             raise SystemExit(f"the controller refuses: {answer}")
+        self.wake.connect(controller)
+
+    def send_sample(self, *fields):
+        self.samples.send_copy(Sample(*fields))
+        with contextlib.suppress(OSError):
+            self.wake.send(b"0")
 
     def send(self, line):
         self.peer.sendall((json.dumps(line) + "\n").encode())
@@ -60,34 +72,32 @@ class LegSession:
     def exchange(self, seq, set_point, reading, density_ratio=None):
         """Sends what is sensed at a tick; returns angle, elongation and its rate."""
         flags = SENSED + IN_CONTACT * reading["contact"] + DENSITY_SENSED * (density_ratio is not None)
-        self.samples.send_copy(
-            Sample(
-                WIRE_VERSION,
-                flags,
-                1,
-                seq,
-                seq * 10**9 // self.rate_hz,
-                set_point,
-                reading["vx_m_s"],
-                reading["y_m"],
-                reading["vy_m_s"],
-                reading["leg_length_m"],
-                density_ratio or 0.0,
-            )
+        self.send_sample(
+            WIRE_VERSION,
+            flags,
+            1,
+            seq,
+            seq * 10**9 // self.rate_hz,
+            set_point,
+            reading["vx_m_s"],
+            reading["y_m"],
+            reading["vy_m_s"],
+            reading["leg_length_m"],
+            density_ratio or 0.0,
         )
-        polls = 0
         while True:
             if received := self.commands.receive():
                 command = Command.from_buffer_copy(received.payload().contents)
                 received.delete()
                 if command.seq == seq:
                     return command.angle, command.elongation, command.rate
-            polls += 1
-            # Without burning a core: the socket is readable only once the controller leaves.
-            if polls > 200 and select.select([self.peer], [], [], 2e-5)[0]:
+            # The other socket is readable only once the controller leaves.
+            elif self.peer in select.select([self.peer, self.wake], [], [])[0]:
                 raise SystemExit("the controller has left")
+            else:
+                self.wake.recv(1)
 
     def leave(self, seq):
         """Ends the run and the session."""
-        self.samples.send_copy(Sample(WIRE_VERSION, END, 1, seq))
+        self.send_sample(WIRE_VERSION, END, 1, seq)
         self.send("left")

@@ -294,13 +294,13 @@ fn a_controller_explains_its_safe_state_while_it_holds() {
     place.wait_for_the_controller();
     for (mistake, message) in [
         (["seq, seq * 10**6,", "seq, seq * 10**3,"], "are they in microseconds?"),
-        (["Sample(2, 0b", "Sample(3, 0b"], "the last: wire version 3 instead of 2"),
+        (["send_sample(2, 0b", "send_sample(3, 0b"], "the last: wire version 3 instead of 2"),
         (
-            ["Sample(2, 0b11100001", "Sample(2, 0b11100000"],
+            ["send_sample(2, 0b11100001", "send_sample(2, 0b11100000"],
             "neither contact nor leg length is sensed",
         ),
         (
-            ["speed.real, body.imag, speed.imag))", "99, body.imag, speed.imag))"],
+            ["speed.real, body.imag, speed.imag)", "99, body.imag, speed.imag)"],
             "vx_m_s is 99, it must be from -50 to 50",
         ),
     ] {
@@ -335,7 +335,7 @@ fn a_controller_that_is_half_met_is_told_why_and_so_is_the_user_of_the_leg() {
     let Some(python) = requirements::python() else { return };
     for (mistake, at_the_leg, at_the_controller) in [
         (
-            ["gravity_m_s2=9.81", "gravity_m_s2=9.8"],
+            ["\"gravity_m_s2\": 9.81", "\"gravity_m_s2\": 9.8"],
             "the controller is under a gravity of 9.8 m/s2, this program under 9.81 m/s2",
             "the simulator is under a gravity of 9.81 m/s2, this program under 9.8 m/s2",
         ),

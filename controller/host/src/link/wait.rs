@@ -1,4 +1,4 @@
-//! Polling for a message: spin, then yield, then sleep.
+//! Waiting for a message: spin, then block where the peer wakes us, else yield, then sleep.
 
 use std::cell::Cell;
 use std::num::NonZeroU64;
@@ -83,10 +83,13 @@ impl Waiter {
     }
 
     /// Calls `poll` until it returns a value, at most for `timeout`. Calls `idle`
-    /// every [`IDLE_CHECK`] meanwhile, which may end the wait with an error.
+    /// every [`IDLE_CHECK`] meanwhile, which may end the wait with an error. `block`, if the peer
+    /// sends wake-ups, waits for one of them for a time at most, and takes the place of yields
+    /// and sleeps.
     pub(crate) fn wait_for<T, E>(
         &self,
         timeout: Duration,
+        block: Option<&dyn Fn(Duration)>,
         mut poll: impl FnMut() -> Result<Option<T>, E>,
         mut idle: impl FnMut() -> Result<(), E>,
     ) -> Result<Option<T>, E> {
@@ -117,11 +120,14 @@ impl Waiter {
                 // Poll once more: this thread may not have run for long.
                 return poll();
             }
-            if waited < YIELD && yields {
+            let left = timeout.saturating_sub(waited);
+            if let Some(block) = block {
+                block(IDLE_CHECK.min(left));
+            } else if waited < YIELD && yields {
                 std::thread::yield_now();
                 yields = self.is_cheap(start.elapsed().saturating_sub(waited));
             } else {
-                self.sleep(waited, timeout.saturating_sub(waited));
+                self.sleep(waited, left);
             }
             if let Some(found) = poll()? {
                 return Ok(Some(found));
@@ -165,7 +171,7 @@ mod tests {
                 left -= 1;
                 Ok::<_, ()>((left == 0).then_some(polls))
             };
-            waiter.wait_for(timeout, poll, || Ok(()))
+            waiter.wait_for(timeout, None, poll, || Ok(()))
         };
         for polls in [1, 2, 100, 1_000] {
             assert_eq!(wait(polls, Duration::from_mins(1)), Ok(Some(polls)));

@@ -185,7 +185,12 @@ impl<Out: Message, In: Message> Link for ShmLink<Out, In> {
         self.monitor.take_ports(&mut self.ports);
         let Some(ports) = &self.ports else { return Ok(()) };
         match ports.publisher.send_copy(Payload(*message)) {
-            Ok(_) => Ok(()),
+            Ok(_) => {
+                if let Some(wake) = &ports.wake {
+                    wake.send();
+                }
+                Ok(())
+            }
             // Treated as lost on the way: the next message follows in a tick.
             Err(_) if self.is_real_time => Ok(()),
             Err(cause) => {
@@ -200,8 +205,11 @@ impl<Out: Message, In: Message> Link for ShmLink<Out, In> {
         if timeout.is_zero() {
             return self.poll();
         }
+        let wake = self.ports.as_ref().and_then(|ports| ports.wake.as_ref());
+        let block = wake.map(|wake| |timeout| wake.wait(timeout));
         self.waiter.wait_for(
             timeout,
+            block.as_ref().map(|block| block as &dyn Fn(Duration)),
             || self.poll(),
             || match self.check_peer() {
                 // The last message of the peer counts, even if the peer is gone by now.

@@ -316,7 +316,7 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
             self.refuse(&channel, cause.clone());
             return Ok(reject(channel, not_understood(&cause)));
         };
-        let ports = Ports::create(&session).map_err(|cause| {
+        let mut ports = Ports::create(&session).map_err(|cause| {
             self.refuse(&channel, format!("the shared memory cannot be opened: {cause}"));
             self.failed("create the shared memory", &cause)
         })?;
@@ -325,7 +325,7 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
             channel.send(&Line::Hello(Hello { session, ..Hello::of(self.params) }));
         } else {
             self.check_ports(&channel, hello.pid, session.clone(), &ports)?;
-            self.map_peer(&ports)?;
+            self.map_peer(&session, &mut ports)?;
             channel.send(&Line::Ready);
         }
         let SessionParams { leg, estimator, .. } = hello.params;
@@ -359,7 +359,7 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
         mut channel: Channel,
         peer: Peer,
         session: Session,
-        ports: Ports<Out, In>,
+        mut ports: Ports<Out, In>,
     ) -> Result<Step<Out, In>, ConnectError> {
         let Peer { pid, .. } = peer;
         match channel.next() {
@@ -379,9 +379,9 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
                 return Ok((PeerState::Absent, Some(Self::half_met(Some(pid), Half::Left))));
             }
         }
-        self.check_ports(&channel, pid, session, &ports)?;
+        self.check_ports(&channel, pid, session.clone(), &ports)?;
         if self.listener.is_some() {
-            self.map_peer(&ports)?;
+            self.map_peer(&session, &mut ports)?;
             channel.send(&Line::Ready);
         }
         {
@@ -393,8 +393,9 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
         Ok((PeerState::Connected(channel, peer), Some(PeerEvent::Connected(peer))))
     }
 
-    fn map_peer(&self, ports: &Ports<Out, In>) -> Result<(), ConnectError> {
+    fn map_peer(&self, session: &Session, ports: &mut Ports<Out, In>) -> Result<(), ConnectError> {
         ports.map_peer().map_err(|cause| self.failed("connect the ports", &cause))?;
+        ports.connect_wake(session).map_err(|cause| self.failed("connect the wake-ups", &cause))?;
         Ok(self.domain.reserve()?)
     }
 

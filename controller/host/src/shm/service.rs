@@ -18,6 +18,7 @@ use iceoryx2::service::{self, Service as _};
 use serde::Serialize;
 
 use super::payload::{Message, Payload};
+use super::wake::Wake;
 use crate::discovery::Session;
 
 /// The variant of iceoryx2. (`ipc_threadsafe` locks a mutex at each access: a tick takes a
@@ -171,6 +172,8 @@ fn mismatch<T: Message>(node: &Node<Ipc>) -> Option<String> {
 pub(super) struct Ports<Out: Message, In: Message> {
     pub(super) publisher: Publisher<Ipc, Payload<Out>, ()>,
     pub(super) subscriber: Subscriber<Ipc, Payload<In>, ()>,
+    /// Wake-ups, where the peer wants them.
+    pub(super) wake: Option<Wake>,
     services: (Service<Out>, Service<In>),
     _node: Node<Ipc>,
 }
@@ -192,7 +195,7 @@ impl<Out: Message, In: Message> Ports<Out, In> {
         let subscriber =
             incoming.subscriber_builder().name(&port).buffer_size(1).create().map_err(text)?;
         let publisher = outgoing.publisher_builder().name(&port).create().map_err(text)?;
-        Ok(Self { publisher, subscriber, services: (outgoing, incoming), _node: node })
+        Ok(Self { publisher, subscriber, wake: None, services: (outgoing, incoming), _node: node })
     }
 
     /// Returns the ports of the peer that do not exist, with their services. Observers are not
@@ -209,6 +212,15 @@ impl<Out: Message, In: Message> Ports<Out, In> {
         let subscriber = (!has_subscriber).then(|| format!("subscriber at {}", Out::SERVICE));
         let missing: Vec<_> = publisher.into_iter().chain(subscriber).collect();
         (!missing.is_empty()).then(|| missing.join(" and no "))
+    }
+
+    /// Finds out whether the peer wants wake-ups.
+    ///
+    /// # Errors
+    /// Returns a message if it does and cannot be reached.
+    pub(super) fn connect_wake(&mut self, session: &Session) -> Result<(), String> {
+        self.wake = Wake::with_peer(session, Out::SENDER, In::SENDER).map_err(text)?;
+        Ok(())
     }
 
     /// Maps the memory of the peer's ports, which must exist. Whatever a peer sends before
