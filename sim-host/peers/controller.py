@@ -35,8 +35,8 @@ node = iox2.NodeBuilder.new().config(config).create(iox2.ServiceType.Ipc)
 def service(name, kind):
     builder = node.service_builder(iox2.ServiceName.new(name)).publish_subscribe(kind).history_size(0).enable_safe_overflow(True)
     builder = builder.max_publishers(1).max_subscribers(8).max_nodes(16)
-    return builder.subscriber_max_buffer_size(1).subscriber_max_borrowed_samples(2).create()
-samples = service("leg/samples", Sample).subscriber_builder().create()
+    return builder.subscriber_max_buffer_size(2048).subscriber_max_borrowed_samples(2).create()
+samples = service("leg/samples", Sample).subscriber_builder().buffer_size(1).create()
 commands = service("leg/commands", Command).publisher_builder().create()
 wake, place = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM), session["folder"] + "/{}.wake"  # Both sides block on it.
 wake.bind(place.format("controller")), wake.setblocking(False)

@@ -19,7 +19,7 @@ session = (answer := json.loads(lines.readline())["hello"]).get("session") or sy
 config.global_cfg.prefix, config.global_cfg.root_path = iox2.FileName.new(session["prefix"]), iox2.Path.new(session["folder"])
 node = iox2.NodeBuilder.new().config(config).create(iox2.ServiceType.Ipc)
 service = lambda name, kind: node.service_builder(iox2.ServiceName.new(name)).publish_subscribe(kind).open()
-samples, commands = service("leg/samples", Sample).publisher_builder().create(), service("leg/commands", Command).subscriber_builder().create()
+samples, commands = service("leg/samples", Sample).publisher_builder().create(), service("leg/commands", Command).subscriber_builder().buffer_size(1).create()
 wake, place = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM), session["folder"] + "/{}.wake"  # Both sides block on it.
 wake.bind(place.format("leg")), wake.setblocking(False), send("ready")
 if (answer := lines.readline()) != '"ready"\n': sys.exit("the controller refuses: " + answer)

@@ -365,6 +365,8 @@ impl NodeServer {
             rate_hz: self.params.rate_hz,
             gravity_m_s2: self.params.gravity_m_s2,
             time_mode: self.params.time_mode.unwrap_or(TimeMode::LockStep),
+            estimator: Some(self.params.estimator.unwrap_or_default()),
+            stale_limit_ns: Some(self.params.stale_limit_ns),
             activity: status.run.activity,
             policy: store.describe(self.node.crc32(in_force)),
             since_unix_s: self.since.duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64(),

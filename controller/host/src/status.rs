@@ -3,7 +3,7 @@
 
 use std::fmt;
 
-use leg_control::serial::message::{Activity, RejectCounts, RunTick};
+use leg_control::serial::message::{Activity, Estimator, RejectCounts, RunTick};
 use serde::{Deserialize, Serialize};
 
 use super::link::{PeerStatus, TimeMode};
@@ -60,6 +60,12 @@ pub struct Status {
     pub gravity_m_s2: f32,
     /// What sets the time.
     pub time_mode: TimeMode,
+    /// What the control law takes for the state.
+    #[serde(default)]
+    pub estimator: Option<Estimator>,
+    /// Age from which on a sample counts for nothing, ns.
+    #[serde(default)]
+    pub stale_limit_ns: Option<u64>,
     /// What it is doing.
     pub activity: Activity,
     /// The policy in force.

@@ -49,7 +49,7 @@ class LegSession:
             self.node.service_builder(iox2.ServiceName.new(name)).publish_subscribe(kind).open()
         )
         self.samples = service("leg/samples", Sample).publisher_builder().create()
-        self.commands = service("leg/commands", Command).subscriber_builder().create()
+        self.commands = service("leg/commands", Command).subscriber_builder().buffer_size(1).create()
         # Both sides block on these sockets, and send a byte after each message.
         self.wake = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self.wake.bind(answer["session"]["folder"] + "/leg.wake")

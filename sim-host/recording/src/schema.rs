@@ -16,6 +16,9 @@ pub const LOCK_STEP: &str = "lock-step";
 /// [`Config::time_mode`] of a run in real time.
 pub const REAL_TIME: &str = "real-time";
 
+/// [`End::ending`] of a run that was observed until its leg ended it.
+pub const OBSERVED_END: &str = "ended by the leg";
+
 /// [`End::ending`] of a recording that was completed after its recorder was killed.
 pub const RECOVERED: &str = "recovered";
 

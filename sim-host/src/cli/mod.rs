@@ -12,6 +12,7 @@ mod export;
 mod faults;
 mod hint;
 mod plot;
+mod record;
 mod recording;
 mod recover;
 mod replay;
@@ -51,6 +52,8 @@ enum Command {
     Bridge(Box<bridge::Args>),
     /// Watch a running leg in the terminal, and operate it.
     Watch(watch::Args),
+    /// Record a run of any leg and any controller, as an observer.
+    Record(record::Args),
     /// Replay a recording and compare the commands bit for bit.
     Replay(replay::Args),
     /// Plot a recording as SVG.
@@ -101,6 +104,7 @@ fn run_command(program: &Program) -> anyhow::Result<ExitCode> {
         Some(Command::Run(args)) => run::main(args),
         Some(Command::Bridge(args)) => bridge::main(args),
         Some(Command::Watch(args)) => watch::main(args),
+        Some(Command::Record(args)) => record::main(args),
         Some(Command::Replay(args)) => replay::main(args),
         Some(Command::Robustness(args)) => robustness::main(args),
         Some(Command::Estimation(args)) => estimation::main(args),

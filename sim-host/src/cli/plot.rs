@@ -44,7 +44,8 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
     })?;
     if data.is_empty() {
         return Err(misuse(format!(
-            "{}: it has no ticks between --from {from_s} s and --until {until_s} s; it ends at {:.3} s",
+            "{}: it has no ticks between --from {from_s} s and --until {until_s} s with a true state \
+             (/state), which a recording of `sim-host record` lacks; it ends at {:.3} s",
             args.recording.display(),
             data.end_s
         )));

@@ -29,7 +29,7 @@ pub(super) struct RecordArgs {
 }
 
 /// Pictures per second unless given: twice those of a film.
-const DISPLAY_RATE_HZ: u32 = 50;
+pub(super) const DISPLAY_RATE_HZ: u32 = 50;
 
 /// A recording in progress, if one was requested.
 #[derive(Debug, Default)]

@@ -58,6 +58,12 @@ pub fn of_tick(tick: &TickStats) -> Loop {
     }
 }
 
+/// Describes the end of a run of which an observer has received `ticks` and missed `missed`.
+#[must_use]
+pub fn of_observed_end(ending: &str, ticks: u64, missed: u64) -> End {
+    End { ending: ending.to_owned(), ticks, state_hash: String::new(), dropped: missed }
+}
+
 /// Describes a run that ended as planned, by a fall, or by a signal.
 #[must_use]
 pub fn of_end(outcome: &Outcome) -> End {

@@ -103,7 +103,7 @@ impl Feeder {
                 std::thread::sleep(POLL_INTERVAL);
             }
         }
-        let end = end.map(|end| End { dropped: self.state.dropped(), ..end });
+        let end = end.map(|end| End { dropped: end.dropped + self.state.dropped(), ..end });
         self.translator.end(end.as_ref(), &mut frames);
         self.writer.send(&mut frames);
         self.writer.close()

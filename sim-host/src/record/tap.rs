@@ -144,6 +144,11 @@ impl RecordTap {
         }
     }
 
+    /// Copies a tick as an observer sees it.
+    pub(crate) fn push_observed(&mut self, tick: &TickCopy) {
+        self.push_entry(&RingEntry::Tick(*tick));
+    }
+
     /// Returns the number of entries dropped because the ring was full.
     #[must_use]
     pub fn dropped(&self) -> u64 {

@@ -6,6 +6,7 @@ mod estimator;
 mod faults;
 mod foxglove_server;
 mod logs;
+mod observed;
 mod other_programs;
 mod peers;
 mod place;

@@ -20,7 +20,7 @@ use crate::{ENDLESS, LONG_TIMEOUT};
 const SCRIPTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/peers");
 
 /// Starts a script of this folder in the test domain.
-fn script(place: &Place, python: &Path, name: &str, more: &[&str]) -> Running {
+pub(crate) fn script(place: &Place, python: &Path, name: &str, more: &[&str]) -> Running {
     let mut command = Command::new(python);
     command.arg(format!("{SCRIPTS}/{name}")).args(["--domain", place.domain()]).args(more);
     Running::start(&mut command)
@@ -347,7 +347,7 @@ fn a_controller_that_is_half_met_is_told_why_and_so_is_the_user_of_the_leg() {
         ),
         (
             [
-                "samples = service(\"leg/samples\", Sample).subscriber_builder().create()",
+                "samples = service(\"leg/samples\", Sample).subscriber_builder().buffer_size(1).create()",
                 "service(\"leg/samples\", Sample)",
             ],
             "has no subscriber at leg/samples in the session",

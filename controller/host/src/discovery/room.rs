@@ -9,10 +9,10 @@ use rustix::fs::{FallocateFlags, StatVfsMountFlags, fallocate, statvfs};
 use rustix::io::Errno;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
-/// Bytes that a domain needs: shared memory and files of two processes, of a recorder
-/// and of a live view, each at least one page of 4 KiB, and as much again for those of
-/// killed processes.
-const NEEDED_BYTES: u64 = 256 * 1024;
+/// Bytes that a domain needs: the messages of a session, for which a recorder has not come yet
+/// (4.4 MB), and other shared memory and files of two processes, of a recorder and of a live
+/// view, each at least one page of 4 KiB, with as much again for those of killed processes.
+const NEEDED_BYTES: u64 = 6 * 1024 * 1024;
 /// Files that a domain needs.
 const NEEDED_FILES: u64 = 128;
 

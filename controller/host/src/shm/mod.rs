@@ -1,9 +1,9 @@
 //! Links between two processes over iceoryx2 shared memory.
 //!
-//! There is one publish-subscribe service per direction: one publisher, buffer
-//! size 1, no history, safe overflow. So the newest message wins and a publisher
-//! never waits for a slow subscriber. Further subscribers, such as a recorder or a
-//! live view, may read along.
+//! There is one publish-subscribe service per direction: one publisher, a buffer of one
+//! message at leg and controller, no history, safe overflow. So the newest message wins and a
+//! publisher never waits for a slow subscriber. Further subscribers, such as a live view, or a
+//! recorder with a larger buffer, may read along.
 //!
 //! A receiver polls: in lock-step the peer replies within microseconds, and any
 //! blocking wait of the system costs thirty to forty. If the peer is slow, the
@@ -23,6 +23,7 @@ mod link;
 mod observer;
 mod payload;
 mod peer_monitor;
+mod recorder;
 mod service;
 #[cfg(test)]
 mod tests;
@@ -34,4 +35,5 @@ pub use link::{ShmController, ShmLeg, ShmLink};
 pub use observer::{Observer, Participants};
 pub use payload::{Message, Payload};
 pub use peer_monitor::{PeerEvent, PeerMonitor};
+pub use recorder::Registration;
 pub use service::{Attributes, config};

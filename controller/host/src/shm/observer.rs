@@ -4,11 +4,13 @@ use std::sync::Arc;
 
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{Node, PortName};
+use iceoryx2::service::port_factory::PortFactory as _;
 use leg_control::wire::{Command, Sample};
 
 use super::error::{ConnectError, failed};
 use super::payload::{Message, Payload};
-use super::service::{Ipc, OBSERVER, Service, node, text};
+use super::recorder::Registration;
+use super::service::{Ipc, OBSERVER, RECORDER, Service, node, text};
 use crate::discovery::{Domain, DomainError, Session, holder};
 use crate::link::Role;
 
@@ -39,7 +41,8 @@ impl Participants {
     }
 }
 
-/// Receives the newest sample and the newest command of a domain, and sends nothing.
+/// Receives the newest sample and the newest command of a domain, or all of them, and sends
+/// nothing.
 ///
 /// An observer holds no role and only opens services that exist. It joins the
 /// domain, which the last process to leave removes: so check often whether any role
@@ -63,18 +66,24 @@ struct Reader<T: Message> {
 }
 
 impl<T: Message> Reader<T> {
-    fn open(node: &Node<Ipc>) -> Result<Self, String> {
+    /// With a buffer for the newest message, or as large as the service allows.
+    fn open(node: &Node<Ipc>, is_recorder: bool) -> Result<Self, String> {
         let service = node
             .service_builder(&T::SERVICE.try_into().map_err(text)?)
             .publish_subscribe::<Payload<T>>()
             .open()
             .map_err(text)?;
-        let port = PortName::new(OBSERVER).map_err(text)?;
-        let subscriber = service.subscriber_builder().name(&port).buffer_size(1).create();
+        let (name, buffer) = if is_recorder {
+            (RECORDER, service.static_config().subscriber_max_buffer_size())
+        } else {
+            (OBSERVER, 1)
+        };
+        let port = PortName::new(name).map_err(text)?;
+        let subscriber = service.subscriber_builder().name(&port).buffer_size(buffer).create();
         Ok(Self { subscriber: subscriber.map_err(text)?, _service: service })
     }
 
-    /// Returns the newest message, if there is an unread one. A publisher that dies
+    /// Returns the oldest message in the buffer. A publisher that dies
     /// while it connects causes an error, which counts as no message.
     fn newest(&self) -> Option<T> {
         self.subscriber.receive().ok().flatten().map(|message| message.0)
@@ -88,13 +97,27 @@ impl Observer {
     /// Returns [`ConnectError`], for example when leg and controller have not connected
     /// yet, or when there are too many observers; then retry.
     pub fn join(domain: &str) -> Result<Self, ConnectError> {
-        let domain = Domain::join(domain)?;
+        Self::join_as(Domain::join(domain)?, false)
+    }
+
+    /// Like [`join`](Self::join), with a buffer from which [`sample`](Self::sample) and
+    /// [`command`](Self::command) return every message, the oldest first; it holds some
+    /// thousands, and drops the oldest where it is full.
+    ///
+    /// # Errors
+    /// Like [`join`](Self::join).
+    pub fn join_as_recorder(recorder: &Registration) -> Result<Self, ConnectError> {
+        Self::join_as(Arc::clone(recorder.domain()), true)
+    }
+
+    fn join_as(domain: Arc<Domain>, is_recorder: bool) -> Result<Self, ConnectError> {
         let failed = |cause: &str| failed(&domain, "observe leg and controller", &cause);
         let session = Session::current(&domain)
             .ok_or_else(|| failed("they have not connected to each other yet"))?;
         let join = || {
             let node = node(&session, OBSERVER)?;
-            Ok::<_, String>((Reader::open(&node)?, Reader::open(&node)?, node))
+            let samples = Reader::open(&node, is_recorder)?;
+            Ok::<_, String>((samples, Reader::open(&node, is_recorder)?, node))
         };
         let (samples, commands, node) = join().map_err(|cause| failed(&cause))?;
         Ok(Self { samples, commands, _node: node, session, _domain: domain })
@@ -107,13 +130,19 @@ impl Observer {
         !self.session.folder.exists()
     }
 
-    /// Returns the newest sample, if there is an unread one.
+    /// Returns whether there is a session to join in the domain of `recorder`.
+    #[must_use]
+    pub fn can_join(recorder: &Registration) -> bool {
+        Session::current(recorder.domain()).is_some()
+    }
+
+    /// Returns the newest sample, of a recorder the oldest, if there is an unread one.
     #[must_use]
     pub fn sample(&self) -> Option<Sample> {
         self.samples.newest()
     }
 
-    /// Returns the newest command, if there is an unread one.
+    /// Returns the newest command, of a recorder the oldest, if there is an unread one.
     #[must_use]
     pub fn command(&self) -> Option<Command> {
         self.commands.newest()

@@ -16,6 +16,7 @@ use std::time::{Duration, Instant};
 use super::error::{ConnectError, Half, disagreement, failed};
 use super::hello::{Channel, Hello, Line, SESSION_VERSION, SOCKET};
 use super::payload::Message;
+use super::recorder::wait_for_recorders;
 use super::service::Ports;
 use crate::discovery::{Domain, DomainError, RoleLock, Session, holder};
 use crate::link::{LinkError, Peer, PeerStatus, Role, SessionParams};
@@ -321,6 +322,7 @@ impl<Out: Message, In: Message> PeerMonitor<Out, In> {
             self.failed("create the shared memory", &cause)
         })?;
         if self.listener.is_some() {
+            wait_for_recorders(self.domain.root(), || ports.recorders());
             let session = Some(session.clone());
             channel.send(&Line::Hello(Hello { session, ..Hello::of(self.params) }));
         } else {

@@ -27,6 +27,12 @@ pub(super) type Ipc = ipc::Service;
 
 /// Name of an observer's node and ports.
 pub(super) const OBSERVER: &str = "observer";
+/// Name of those of an observer that receives every message.
+pub(super) const RECORDER: &str = "recorder";
+
+/// Messages that a recorder may be behind, a tenth of a second of a leg of 20,000 ticks/s. All
+/// of them take 4 MB of shared memory in each session.
+const RECORDER_BUFFER: usize = 2048;
 
 /// Subscribers of each service: the peer, and seven observers such as live views.
 const MAX_READERS: usize = 8;
@@ -101,7 +107,7 @@ pub(super) fn attributes() -> Attributes {
         max_publishers: 1,
         max_subscribers: MAX_READERS,
         max_nodes: MAX_NODES,
-        subscriber_max_buffer_size: 1,
+        subscriber_max_buffer_size: RECORDER_BUFFER,
         subscriber_max_borrowed_samples: MAX_BORROWED,
         history_size: 0,
         enable_safe_overflow: true,
@@ -204,7 +210,7 @@ impl<Out: Message, In: Message> Ports<Out, In> {
         let (outgoing, incoming) = &self.services;
         let mut has_subscriber = false;
         outgoing.dynamic_config().list_subscribers(|subscriber| {
-            has_subscriber |= subscriber.subscriber_name.as_str() != OBSERVER;
+            has_subscriber |= ![OBSERVER, RECORDER].contains(&subscriber.subscriber_name.as_str());
             CallbackProgression::Continue
         });
         let publisher = (incoming.dynamic_config().number_of_publishers() == 0)
@@ -221,6 +227,21 @@ impl<Out: Message, In: Message> Ports<Out, In> {
     pub(super) fn connect_wake(&mut self, session: &Session) -> Result<(), String> {
         self.wake = Wake::with_peer(session, Out::SENDER, In::SENDER).map_err(text)?;
         Ok(())
+    }
+
+    /// Returns the number of recorders that have both their ports.
+    pub(super) fn recorders(&self) -> usize {
+        let (outgoing, incoming) = &self.services;
+        let (mut at_outgoing, mut at_incoming) = (0, 0);
+        outgoing.dynamic_config().list_subscribers(|subscriber| {
+            at_outgoing += usize::from(subscriber.subscriber_name.as_str() == RECORDER);
+            CallbackProgression::Continue
+        });
+        incoming.dynamic_config().list_subscribers(|subscriber| {
+            at_incoming += usize::from(subscriber.subscriber_name.as_str() == RECORDER);
+            CallbackProgression::Continue
+        });
+        at_outgoing.min(at_incoming)
     }
 
     /// Maps the memory of the peer's ports, which must exist. Whatever a peer sends before

@@ -6,7 +6,7 @@ use foxglove::messages::log::Level;
 use super::shapes::timestamp;
 use super::topic::DisplayTopic;
 use crate::record::pipe::FrameBuffer;
-use crate::record::schema::{Apex, End, Policy, SetPoint};
+use crate::record::schema::{Apex, End, OBSERVED_END, Policy, SetPoint};
 
 /// Whose entries they are.
 pub(super) const RUN: &str = "run";
@@ -64,7 +64,7 @@ pub(in crate::record) fn set_point(set_point: SetPoint, time_ns: u64, frames: &m
 
 /// Adds the end of the run to the log.
 pub(in crate::record) fn end(end: &End, time_ns: u64, frames: &mut FrameBuffer) {
-    let is_good = ["duration", "distance", "stopped"].contains(&&*end.ending);
+    let is_good = ["duration", "distance", "stopped", OBSERVED_END].contains(&&*end.ending);
     let level = if is_good { Level::Info } else { Level::Error };
     add(frames, time_ns, level, RUN, format!("ends after {} ticks: {}", end.ticks, end.ending));
 }
