@@ -130,10 +130,26 @@ impl<'a> Actor<'a> {
     /// where the observation is not finite.
     #[must_use]
     pub fn act(&self, observation: Observation) -> Action {
+        self.action(self.sums(self.scaled(observation)))
+    }
+
+    /// Returns the inputs of the network for an observation.
+    #[expect(clippy::inline_always, reason = "a call costs instructions in the firmware")]
+    #[inline(always)]
+    #[must_use]
+    pub fn scaled(&self, observation: Observation) -> [f32; INPUTS] {
         let scaling = &self.observation;
-        let input = (observation.vector() - Vector3::from(scaling.offset))
-            .component_mul(&Vector3::from(scaling.scale));
-        let [u0, u1] = self.sums(input.into()).map(|z| self.activations.output.of(z));
+        (observation.vector() - Vector3::from(scaling.offset))
+            .component_mul(&Vector3::from(scaling.scale))
+            .into()
+    }
+
+    /// Returns the action for the last sums of the network.
+    #[expect(clippy::inline_always, reason = "a call costs instructions in the firmware")]
+    #[inline(always)]
+    #[must_use]
+    pub fn action(&self, sums: [f32; OUTPUTS]) -> Action {
+        let [u0, u1] = sums.map(|z| self.activations.output.of(z));
         let ActionScaling { scale, offset, low, high } = self.action;
         Action {
             touchdown_angle_rad: clip(offset[0] + scale[0] * u0, low[0], high[0]),

@@ -51,7 +51,18 @@ const ARROWS: [(&str, &[&str]); 9] = [
         "sim-host",
         &["leg-charts", "leg-control", "leg-host", "leg-plant", "leg-process", "leg-recording"],
     ),
-    ("trainer", &["leg-charts", "leg-control", "leg-ddpg", "leg-plant", "leg-process", "leg-simd"]),
+    (
+        "trainer",
+        &[
+            "leg-charts",
+            "leg-control",
+            "leg-ddpg",
+            "leg-lanes",
+            "leg-plant",
+            "leg-process",
+            "leg-simd",
+        ],
+    ),
     (
         "paper-figures",
         &[

@@ -4,6 +4,7 @@
 //! Results do not depend on the number of threads: every start is drawn before the first
 //! one runs, and results are collected in their order.
 
+mod actions;
 pub mod compare;
 pub mod conditions;
 mod crossing;
@@ -48,12 +49,20 @@ pub fn act(actor: &Actor<'_>, density_ratio: f64, apex: Apex, offset_m_s: f32) -
 /// Returns the actor's action for what it observes, with `offset_m_s` subtracted from the velocity.
 #[must_use]
 pub fn act_on(actor: &Actor<'_>, shown: Shown, offset_m_s: f32) -> Action {
-    let [vx_m_s, y_m, density_ratio] = shown;
-    let action = actor.act(Observation {
+    to_plant(actor.act(observation(shown, offset_m_s)))
+}
+
+/// Returns what the controller would observe, with `offset_m_s` subtracted from the velocity.
+fn observation([vx_m_s, y_m, density_ratio]: Shown, offset_m_s: f32) -> Observation {
+    Observation {
         apex_vx_m_s: vx_m_s as f32 - offset_m_s,
         apex_y_m: y_m as f32,
         density_ratio: density_ratio as f32,
-    });
+    }
+}
+
+/// Returns the controller's action in the numbers of the plant.
+fn to_plant(action: leg_control::actor::Action) -> Action {
     Action {
         touchdown_angle_rad: f64::from(action.touchdown_angle_rad),
         elongation_speed_m_s: f64::from(action.elongation_speed_m_s),

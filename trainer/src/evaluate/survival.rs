@@ -1,9 +1,11 @@
 //! Survival: the share of random starts that keep hopping, and how well they stop.
 
-use super::hop;
+use super::actions::act_all;
 use crate::environment::{LOWEST_APEX_M, draw_start};
 use leg_control::actor::Actor;
+use leg_lanes::{Job, hops};
 use leg_plant::{Apex, Hopper};
+use leg_simd::Isa;
 use rand::Rng;
 use rayon::prelude::*;
 
@@ -44,24 +46,48 @@ pub struct Rollout {
     pub reward5: f64,
 }
 
-/// Runs one start; `hop` returns the next apex, or `None` after a fall.
-pub(super) fn rollout(start: Apex, mut hop: impl FnMut(Apex) -> Option<Apex>) -> Rollout {
-    let mut apex = start;
-    let mut reward5 = 0.0;
-    for step in 0..HOPS {
-        let Some(next) = hop(apex) else {
-            return Rollout { last_abs_v: None, reward5 };
-        };
-        if step < REWARDED {
-            reward5 += libm::log10(1.0 + 1.0 / next.vx_m_s.abs());
+/// One start under way.
+#[derive(Clone, Copy, Debug)]
+struct Course {
+    apex: Apex,
+    hops: u32,
+    rollout: Rollout,
+}
+
+impl Course {
+    fn begun(start: Apex) -> Self {
+        Self { apex: start, hops: 0, rollout: Rollout { last_abs_v: None, reward5: 0.0 } }
+    }
+
+    /// Goes on to the next apex, which is `None` after a fall; returns whether there is another
+    /// hop.
+    fn goes_on(&mut self, next: Option<Apex>) -> bool {
+        let Some(next) = next else { return false };
+        if self.hops < REWARDED {
+            self.rollout.reward5 += libm::log10(1.0 + 1.0 / next.vx_m_s.abs());
         }
         if next.y_m < LOWEST_APEX_M {
-            return Rollout { last_abs_v: None, reward5 };
+            return false;
         }
-        apex = next;
+        self.apex = next;
+        self.hops += 1;
+        if self.hops == HOPS {
+            self.rollout.last_abs_v = Some(next.vx_m_s.abs());
+        }
+        self.hops < HOPS
     }
-    Rollout { last_abs_v: Some(apex.vx_m_s.abs()), reward5 }
 }
+
+/// Runs one start; `hop` returns the next apex, or `None` after a fall.
+pub(super) fn rollout(start: Apex, mut hop: impl FnMut(Apex) -> Option<Apex>) -> Rollout {
+    let mut course = Course::begun(start);
+    while course.goes_on(hop(course.apex)) {}
+    course.rollout
+}
+
+/// Fewest and most starts that a thread runs side by side. Fewer would leave lanes idle at the
+/// end of each hop, more would not fit the cache.
+const TOGETHER: [usize; 2] = [32, 256];
 
 /// Runs every start; returns the outcomes in the order of the starts.
 #[must_use]
@@ -71,11 +97,36 @@ pub fn rollouts(
     density_ratio: f64,
     starts: &[Apex],
 ) -> Vec<Rollout> {
+    let share = starts.len().div_ceil(rayon::current_num_threads());
     starts
-        .par_iter()
-        .with_min_len(32)
-        .map(|&start| rollout(start, |apex| hop(actor, hopper, density_ratio, apex, 0.0)))
+        .par_chunks(share.clamp(TOGETHER[0], TOGETHER[1]))
+        .flat_map_iter(|starts| side_by_side(Isa::best(), actor, hopper, density_ratio, starts))
         .collect()
+}
+
+/// Runs starts side by side, a hop of each at a time.
+fn side_by_side(
+    isa: Isa,
+    actor: &Actor<'_>,
+    hopper: &Hopper,
+    density_ratio: f64,
+    starts: &[Apex],
+) -> Vec<Rollout> {
+    let mut courses: Vec<Course> = starts.iter().map(|&start| Course::begun(start)).collect();
+    let mut under_way: Vec<usize> = (0..starts.len()).collect();
+    while !under_way.is_empty() {
+        let apexes = under_way.iter().map(|&i| courses[i].apex);
+        let shown = apexes.clone().map(|apex| [apex.vx_m_s, apex.y_m, density_ratio]);
+        let actions = act_all(isa, actor, &shown.collect::<Vec<_>>());
+        let jobs: Vec<Job<'_>> =
+            apexes.zip(actions).map(|(start, action)| Job { hopper, start, action }).collect();
+        let mut hops = hops(isa, &jobs).into_iter();
+        under_way.retain(|&i| {
+            let next = hops.next().and_then(|hop| hop.outcome.next());
+            courses[i].goes_on(next)
+        });
+    }
+    courses.into_iter().map(|course| course.rollout).collect()
 }
 
 /// Runs every start and summarises the outcomes.
@@ -120,7 +171,36 @@ pub fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::quantile;
+    use super::{Rollout, draw_starts, quantile, rollout, side_by_side};
+    use crate::evaluate::{DENSITIES, hop, hopper};
+    use leg_control::policy::{Policy, SHIPPED};
+    use leg_plant::Tolerance;
+    use leg_simd::Isa;
+    use rand::SeedableRng;
+    use rand_pcg::Pcg64;
+
+    #[test]
+    fn starts_side_by_side_end_as_one_after_the_other() {
+        let policy = Policy::parse(SHIPPED).unwrap();
+        let mut starts = draw_starts(100, &mut Pcg64::seed_from_u64(7));
+        // Some that no action saves.
+        starts.iter_mut().step_by(9).for_each(|apex| apex.vx_m_s *= 20.0);
+        let mut fell = 0;
+        for rho in DENSITIES {
+            for tolerance in [Tolerance::GOLDEN, Tolerance::TRAINING] {
+                let hopper = hopper(rho).with_tolerance(tolerance);
+                let one =
+                    |&start| rollout(start, |apex| hop(policy.actor(), &hopper, rho, apex, 0.0));
+                let expected: Vec<Rollout> = starts.iter().map(one).collect();
+                fell += expected.iter().filter(|rollout| rollout.last_abs_v.is_none()).count();
+                for isa in Isa::ALL.into_iter().filter(|isa| isa.available()) {
+                    let found = side_by_side(isa, policy.actor(), &hopper, rho, &starts);
+                    assert_eq!(found, expected, "{rho}, {isa:?}");
+                }
+            }
+        }
+        assert!(fell > 0);
+    }
 
     #[test]
     fn quantiles_are_linear_between_neighbours_and_keep_infinity() {
