@@ -8,7 +8,7 @@
 //! A receiver polls: in lock-step the peer replies within microseconds, and any
 //! blocking wait of the system costs thirty to forty. If the peer is slow, the
 //! receiver yields the core; it sleeps after a millisecond, and at once where yields cost
-//! time slices of other busy processes. Where the peer wants wake-ups, it blocks ([`wake`]).
+//! time slices of other busy processes. Where the peer wants wake-ups, it blocks on a socket.
 //!
 //! The two ends find each other, agree on the session's parameters and notice each
 //! other's end by a Unix socket, as `SESSION.md` describes; the [`PeerMonitor`] handles that. Each session
