@@ -177,7 +177,7 @@ impl Hopper {
 
     /// Returns the coefficient of friction that the ground must have for this hop: the largest
     /// horizontal over vertical force on the foot, which is that of the vector along the leg.
-    /// It is a lower bound, from [`SAMPLES`] instants of each step of the integrator; at
+    /// It is a lower bound, from nine instants of each step of the integrator; at
     /// touchdown and lift-off it is exact. `None` if the hop is a fall.
     #[must_use]
     pub fn friction(&self, start: Apex, action: Action) -> Option<f64> {
