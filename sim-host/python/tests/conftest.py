@@ -7,6 +7,9 @@ import threading
 
 import pytest
 
+# Windows are drawn, but not shown: tests open none on a screen, and load no graphics driver.
+os.environ["SDL_VIDEODRIVER"] = "dummy"
+
 
 def pytest_collection_modifyitems(items):
     for item in items:
