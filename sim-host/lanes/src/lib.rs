@@ -9,7 +9,7 @@ mod wide;
 
 use leg_plant::lanes;
 use leg_plant::{Hop, Outcome};
-use leg_simd::{Doubles, Isa, Kernel, Simd, dispatch};
+use leg_simd::{Isa, Kernel, Lanes, Simd, dispatch};
 use wide::Wide;
 
 pub use leg_plant::lanes::Job;

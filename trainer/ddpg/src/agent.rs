@@ -11,7 +11,7 @@ use crate::net::adam::{Adam, Step, soft_update};
 use crate::net::mlp::{Layer, Mlp, Pass};
 use crate::net::tanh::tanh;
 use crate::replay::{Batch, Replay};
-use leg_simd::{Isa, Kernel, Simd, Vector, dispatch};
+use leg_simd::{Isa, Kernel, Lanes, Simd, Vector, dispatch};
 
 /// Units in each hidden layer of the actor, padded to a multiple of 8.
 pub const ACTOR_HIDDEN: usize = 50;

@@ -1,6 +1,6 @@
 //! Vectors of `f64` with comparisons, for code with masks instead of branches.
 
-use super::{Pair, Simd};
+use super::{Lanes, Pair, halves};
 
 /// The results of a comparison, one a lane.
 pub trait Mask: Copy {
@@ -19,45 +19,14 @@ pub trait Mask: Copy {
     fn bits(self) -> u32;
 }
 
-/// A vector of `f64`. A value proves that the CPU has its instruction set.
+/// A vector of `f64`.
 ///
 /// Comparisons with NaN are false.
-pub trait Doubles: Copy {
-    /// Token of the instruction set.
-    type Token: Simd;
+pub trait Doubles: Lanes<Number = f64> {
     /// The type of comparisons.
     type Mask: Mask;
-    /// Number of lanes.
-    const LANES: usize;
-    /// Returns a vector with `x` in every lane.
-    fn splat(token: Self::Token, x: f64) -> Self;
     /// Returns the token of the vector.
     fn token(self) -> Self::Token;
-    /// Loads the first lanes of `from`.
-    ///
-    /// # Panics
-    /// If `from` has fewer numbers than lanes.
-    fn load(token: Self::Token, from: &[f64]) -> Self;
-    /// Stores the lanes over the first numbers of `to`.
-    ///
-    /// # Panics
-    /// If `to` has fewer numbers than lanes.
-    fn store(self, to: &mut [f64]);
-    /// Returns `self + other`.
-    #[must_use]
-    fn add(self, other: Self) -> Self;
-    /// Returns `self - other`.
-    #[must_use]
-    fn sub(self, other: Self) -> Self;
-    /// Returns `self * other`.
-    #[must_use]
-    fn mul(self, other: Self) -> Self;
-    /// Returns `self / other`.
-    #[must_use]
-    fn div(self, other: Self) -> Self;
-    /// Returns the square root.
-    #[must_use]
-    fn sqrt(self) -> Self;
     /// Returns the magnitude of `self` with the sign of `sign`.
     #[must_use]
     fn copysign(self, sign: Self) -> Self;
@@ -102,16 +71,6 @@ impl<A: Mask, B: Mask> Mask for Pair<A, B> {
     }
 }
 
-/// Defines methods that do the same to both halves.
-macro_rules! halves {
-    ($($name:ident($($other:ident)?);)*) => {$(
-        #[inline(always)]
-        fn $name(self $(, $other: Self)?) -> Self {
-            Self(self.0.$name($($other.0)?), self.1.$name($($other.1)?))
-        }
-    )*};
-}
-
 /// Defines comparisons of both halves.
 macro_rules! comparisons {
     ($($name:ident)*) => {$(
@@ -123,33 +82,13 @@ macro_rules! comparisons {
 }
 
 impl<A: Doubles, B: Doubles<Token = A::Token>> Doubles for Pair<A, B> {
-    type Token = A::Token;
     type Mask = Pair<A::Mask, B::Mask>;
-    const LANES: usize = A::LANES + B::LANES;
 
-    #[inline(always)]
-    fn splat(token: Self::Token, x: f64) -> Self {
-        Self(A::splat(token, x), B::splat(token, x))
-    }
     #[inline(always)]
     fn token(self) -> Self::Token {
         self.0.token()
     }
-    #[inline(always)]
-    fn load(token: Self::Token, from: &[f64]) -> Self {
-        Self(A::load(token, from), B::load(token, &from[A::LANES..]))
-    }
-    #[inline(always)]
-    fn store(self, to: &mut [f64]) {
-        self.0.store(to);
-        self.1.store(&mut to[A::LANES..]);
-    }
     halves! {
-        add(other);
-        sub(other);
-        mul(other);
-        div(other);
-        sqrt();
         copysign(other);
         neg();
         max(other);

@@ -84,26 +84,26 @@ pub trait Simd: Copy {
     const MANY_REGISTERS: bool;
 }
 
-/// A vector of `f32`. A value proves that the CPU has its instruction set.
-///
-/// Comparisons follow x86: where an operand is NaN, the result is the second operand.
-pub trait Vector: Copy {
+/// A vector of numbers. A value proves that the CPU has its instruction set.
+pub trait Lanes: Copy {
     /// Token of the instruction set.
     type Token: Simd;
+    /// The type of a lane.
+    type Number: Copy;
     /// Number of lanes.
     const LANES: usize;
     /// Returns a vector with `x` in every lane.
-    fn splat(token: Self::Token, x: f32) -> Self;
+    fn splat(token: Self::Token, x: Self::Number) -> Self;
     /// Loads the first lanes of `from`.
     ///
     /// # Panics
     /// If `from` has fewer numbers than lanes.
-    fn load(token: Self::Token, from: &[f32]) -> Self;
+    fn load(token: Self::Token, from: &[Self::Number]) -> Self;
     /// Stores the lanes over the first numbers of `to`.
     ///
     /// # Panics
     /// If `to` has fewer numbers than lanes.
-    fn store(self, to: &mut [f32]);
+    fn store(self, to: &mut [Self::Number]);
     /// Returns `self + other`.
     #[must_use]
     fn add(self, other: Self) -> Self;
@@ -119,6 +119,12 @@ pub trait Vector: Copy {
     /// Returns the square root.
     #[must_use]
     fn sqrt(self) -> Self;
+}
+
+/// A vector of `f32`.
+///
+/// Comparisons follow x86: where an operand is NaN, the result is the second operand.
+pub trait Vector: Lanes<Number = f32> {
     /// Returns `if self > other { self } else { other }`.
     #[must_use]
     fn max(self, other: Self) -> Self;
@@ -140,54 +146,49 @@ pub trait Sum: Vector {
 #[derive(Clone, Copy, Debug)]
 pub struct Pair<A, B>(A, B);
 
-impl<A: Vector, B: Vector<Token = A::Token>> Vector for Pair<A, B> {
+/// Defines methods that do the same to both halves.
+macro_rules! halves {
+    ($($name:ident($($other:ident)?);)*) => {$(
+        #[inline(always)]
+        fn $name(self $(, $other: Self)?) -> Self {
+            Self(self.0.$name($($other.0)?), self.1.$name($($other.1)?))
+        }
+    )*};
+}
+use halves;
+
+impl<A: Lanes, B: Lanes<Token = A::Token, Number = A::Number>> Lanes for Pair<A, B> {
     type Token = A::Token;
+    type Number = A::Number;
     const LANES: usize = A::LANES + B::LANES;
 
     #[inline(always)]
-    fn splat(token: Self::Token, x: f32) -> Self {
+    fn splat(token: Self::Token, x: Self::Number) -> Self {
         Self(A::splat(token, x), B::splat(token, x))
     }
     #[inline(always)]
-    fn load(token: Self::Token, from: &[f32]) -> Self {
+    fn load(token: Self::Token, from: &[Self::Number]) -> Self {
         Self(A::load(token, from), B::load(token, &from[A::LANES..]))
     }
     #[inline(always)]
-    fn store(self, to: &mut [f32]) {
+    fn store(self, to: &mut [Self::Number]) {
         self.0.store(to);
         self.1.store(&mut to[A::LANES..]);
     }
-    #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        Self(self.0.add(other.0), self.1.add(other.1))
+    halves! {
+        add(other);
+        sub(other);
+        mul(other);
+        div(other);
+        sqrt();
     }
-    #[inline(always)]
-    fn sub(self, other: Self) -> Self {
-        Self(self.0.sub(other.0), self.1.sub(other.1))
-    }
-    #[inline(always)]
-    fn mul(self, other: Self) -> Self {
-        Self(self.0.mul(other.0), self.1.mul(other.1))
-    }
-    #[inline(always)]
-    fn div(self, other: Self) -> Self {
-        Self(self.0.div(other.0), self.1.div(other.1))
-    }
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        Self(self.0.sqrt(), self.1.sqrt())
-    }
-    #[inline(always)]
-    fn max(self, other: Self) -> Self {
-        Self(self.0.max(other.0), self.1.max(other.1))
-    }
-    #[inline(always)]
-    fn min(self, other: Self) -> Self {
-        Self(self.0.min(other.0), self.1.min(other.1))
-    }
-    #[inline(always)]
-    fn where_positive(self, gate: Self) -> Self {
-        Self(self.0.where_positive(gate.0), self.1.where_positive(gate.1))
+}
+
+impl<A: Vector, B: Vector<Token = A::Token>> Vector for Pair<A, B> {
+    halves! {
+        max(other);
+        min(other);
+        where_positive(gate);
     }
 }
 

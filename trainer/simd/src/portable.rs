@@ -2,7 +2,7 @@
 
 mod doubles;
 
-use super::{Pair, Simd, Sum, Vector};
+use super::{Lanes, Pair, Simd, Sum, Vector};
 use doubles::Two;
 
 /// The token of the baseline, which needs no proof.
@@ -30,8 +30,9 @@ fn zip(a: Array, b: Array, f: impl Fn(f32, f32) -> f32) -> Array {
     out
 }
 
-impl Vector for Array {
+impl Lanes for Array {
     type Token = Portable;
+    type Number = f32;
     const LANES: usize = 8;
 
     #[inline(always)]
@@ -66,6 +67,9 @@ impl Vector for Array {
     fn sqrt(self) -> Self {
         Self(self.0.map(f32::sqrt))
     }
+}
+
+impl Vector for Array {
     #[inline(always)]
     fn max(self, other: Self) -> Self {
         zip(self, other, |a, b| if a > b { a } else { b })

@@ -15,9 +15,7 @@ use core::arch::x86_64::{
     _mm512_setzero_ps, _mm512_sqrt_ps, _mm512_storeu_ps, _mm512_sub_ps,
 };
 
-mod doubles;
-
-use super::{Isa, Kernel, Pair, Simd, Sum, Vector};
+use super::{Isa, Kernel, Lanes, Pair, Simd, Sum, Vector};
 use doubles::{F64x4, F64x8};
 
 /// The token that proves AVX2.
@@ -92,35 +90,59 @@ macro_rules! lanewise {
     )*};
 }
 
-impl<T: ProvesAvx2> Vector for F32x8<T> {
-    type Token = T;
-    const LANES: usize = 8;
+/// Defines what every vector does, each by one intrinsic.
+macro_rules! lanes {
+    (
+        $vector:ty, $token:ty, $number:ty, $lanes:literal, [$($bound:tt)*],
+        $splat:ident, $load:ident, $store:ident,
+        $add:ident, $sub:ident, $mul:ident, $div:ident, $sqrt:ident
+    ) => {
+        impl $($bound)* Lanes for $vector {
+            type Token = $token;
+            type Number = $number;
+            const LANES: usize = $lanes;
 
-    #[inline(always)]
-    fn splat(token: T, x: f32) -> Self {
-        // SAFETY: both tokens of this module prove AVX2.
-        unsafe { Self(_mm256_set1_ps(x), token) }
-    }
-    #[inline(always)]
-    fn load(token: T, from: &[f32]) -> Self {
-        let from: &[f32; 8] = from.first_chunk().expect("eight lanes to load");
-        // SAFETY: both tokens prove AVX2; the eight floats are readable; unaligned is allowed.
-        unsafe { Self(_mm256_loadu_ps(from.as_ptr()), token) }
-    }
-    #[inline(always)]
-    fn store(self, to: &mut [f32]) {
-        let to: &mut [f32; 8] = to.first_chunk_mut().expect("eight lanes to store");
-        // SAFETY: AVX2 by the token; the eight floats are writable; unaligned is allowed.
-        unsafe { _mm256_storeu_ps(to.as_mut_ptr(), self.0) }
-    }
+            #[inline(always)]
+            fn splat(token: $token, x: $number) -> Self {
+                // SAFETY: the token proves the feature.
+                unsafe { Self($splat(x), token) }
+            }
+            #[inline(always)]
+            fn load(token: $token, from: &[$number]) -> Self {
+                let from: &[$number; $lanes] = from.first_chunk().expect("lanes to load");
+                // SAFETY: the token proves the feature; the numbers are readable; unaligned is
+                // allowed.
+                unsafe { Self($load(from.as_ptr()), token) }
+            }
+            #[inline(always)]
+            fn store(self, to: &mut [$number]) {
+                let to: &mut [$number; $lanes] = to.first_chunk_mut().expect("lanes to store");
+                // SAFETY: the feature by the token; the numbers are writable; unaligned is allowed.
+                unsafe { $store(to.as_mut_ptr(), self.0) }
+            }
+            lanewise! {
+                add(other) = $add;
+                sub(other) = $sub;
+                mul(other) = $mul;
+                div(other) = $div;
+                sqrt() = $sqrt;
+            }
+        }
+    };
+}
+
+// Behind the macros, which it uses.
+mod doubles;
+
+lanes!(
+    F32x8<T>, T, f32, 8, [<T: ProvesAvx2>], _mm256_set1_ps, _mm256_loadu_ps, _mm256_storeu_ps, _mm256_add_ps,
+    _mm256_sub_ps, _mm256_mul_ps, _mm256_div_ps, _mm256_sqrt_ps
+);
+
+impl<T: ProvesAvx2> Vector for F32x8<T> {
     lanewise! {
-        add(other) = _mm256_add_ps;
-        sub(other) = _mm256_sub_ps;
-        mul(other) = _mm256_mul_ps;
-        div(other) = _mm256_div_ps;
         max(other) = _mm256_max_ps;
         min(other) = _mm256_min_ps;
-        sqrt() = _mm256_sqrt_ps;
     }
     #[inline(always)]
     fn where_positive(self, gate: Self) -> Self {
@@ -145,35 +167,26 @@ impl<T: ProvesAvx2> Sum for F32x8<T> {
     }
 }
 
-impl Vector for F32x16 {
-    type Token = Avx512;
-    const LANES: usize = 16;
+lanes!(
+    F32x16,
+    Avx512,
+    f32,
+    16,
+    [],
+    _mm512_set1_ps,
+    _mm512_loadu_ps,
+    _mm512_storeu_ps,
+    _mm512_add_ps,
+    _mm512_sub_ps,
+    _mm512_mul_ps,
+    _mm512_div_ps,
+    _mm512_sqrt_ps
+);
 
-    #[inline(always)]
-    fn splat(token: Avx512, x: f32) -> Self {
-        // SAFETY: AVX-512F by the token.
-        unsafe { Self(_mm512_set1_ps(x), token) }
-    }
-    #[inline(always)]
-    fn load(token: Avx512, from: &[f32]) -> Self {
-        let from: &[f32; 16] = from.first_chunk().expect("sixteen lanes to load");
-        // SAFETY: AVX-512F by the token; the sixteen floats are readable; unaligned is allowed.
-        unsafe { Self(_mm512_loadu_ps(from.as_ptr()), token) }
-    }
-    #[inline(always)]
-    fn store(self, to: &mut [f32]) {
-        let to: &mut [f32; 16] = to.first_chunk_mut().expect("sixteen lanes to store");
-        // SAFETY: AVX-512F by the token; the sixteen floats are writable; unaligned is allowed.
-        unsafe { _mm512_storeu_ps(to.as_mut_ptr(), self.0) }
-    }
+impl Vector for F32x16 {
     lanewise! {
-        add(other) = _mm512_add_ps;
-        sub(other) = _mm512_sub_ps;
-        mul(other) = _mm512_mul_ps;
-        div(other) = _mm512_div_ps;
         max(other) = _mm512_max_ps;
         min(other) = _mm512_min_ps;
-        sqrt() = _mm512_sqrt_ps;
     }
     #[inline(always)]
     fn where_positive(self, gate: Self) -> Self {

@@ -2,7 +2,7 @@
 //! pass over the weights.
 
 use super::Row;
-use leg_simd::{Simd, Sum, Vector};
+use leg_simd::{Lanes, Simd, Sum, Vector};
 
 /// Decay rate of the mean gradient.
 const BETA_1: f32 = 0.9;

@@ -15,7 +15,7 @@
 
 use super::Row;
 use super::product::{Gated, Linear, PerColumn, PerRow, Product, Relu, Straight, Transposed, Zero};
-use leg_simd::{Simd, Sum, Vector};
+use leg_simd::{Lanes, Simd, Sum};
 
 /// The weights of a network.
 #[derive(Clone, Debug, PartialEq)]

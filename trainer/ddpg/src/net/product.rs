@@ -7,7 +7,7 @@
 //! so the bits do not depend on the tiling.
 
 use super::Row;
-use leg_simd::{Pair, Simd, Vector};
+use leg_simd::{Lanes, Pair, Simd, Vector};
 
 /// The left factor `A` of a product.
 pub(crate) trait Left: Copy {

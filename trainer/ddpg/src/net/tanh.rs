@@ -43,7 +43,7 @@ fn horner<V: Vector>(token: V::Token, x: V, coefficients: &[f32]) -> V {
 #[cfg(test)]
 mod tests {
     use super::tanh;
-    use leg_simd::{Isa, Kernel, Simd, Vector, dispatch};
+    use leg_simd::{Isa, Kernel, Lanes, Simd, dispatch};
 
     struct Worst;
 

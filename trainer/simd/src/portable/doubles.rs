@@ -1,7 +1,7 @@
 //! Two `f64` as a plain array, which 128-bit registers hold.
 
 use super::Portable;
-use crate::{Doubles, Mask};
+use crate::{Doubles, Lanes, Mask};
 
 /// A vector of two lanes.
 #[derive(Clone, Copy, Debug)]
@@ -53,18 +53,14 @@ macro_rules! comparisons {
     )*};
 }
 
-impl Doubles for Two {
+impl Lanes for Two {
     type Token = Portable;
-    type Mask = Mask2;
+    type Number = f64;
     const LANES: usize = 2;
 
     #[inline(always)]
     fn splat(_: Portable, x: f64) -> Self {
         Self([x; 2])
-    }
-    #[inline(always)]
-    fn token(self) -> Portable {
-        Portable
     }
     #[inline(always)]
     fn load(_: Portable, from: &[f64]) -> Self {
@@ -80,6 +76,17 @@ impl Doubles for Two {
         mul(other) = core::ops::Mul::mul;
         div(other) = core::ops::Div::div;
         sqrt() = f64::sqrt;
+    }
+}
+
+impl Doubles for Two {
+    type Mask = Mask2;
+
+    #[inline(always)]
+    fn token(self) -> Portable {
+        Portable
+    }
+    lanewise! {
         copysign(other) = f64::copysign;
         neg() = core::ops::Neg::neg;
         max(other) = f64::max;

@@ -12,7 +12,7 @@ use core::arch::x86_64::{
 };
 
 use super::{Avx512, ProvesAvx2};
-use crate::{Doubles, Mask};
+use crate::{Doubles, Lanes, Mask};
 
 /// A vector of four lanes; `T` is the token of its creation.
 #[derive(Clone, Copy, Debug)]
@@ -29,17 +29,6 @@ pub(crate) struct F64x8(__m512d, Avx512);
 /// The lanes of an [`F64x8`], one bit each.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Mask8(__mmask8);
-
-/// Defines the methods that are one intrinsic.
-macro_rules! lanewise {
-    ($($name:ident($($other:ident)?) = $intrinsic:ident;)*) => {$(
-        #[inline(always)]
-        fn $name(self $(, $other: Self)?) -> Self {
-            // SAFETY: `self` was made from a token, so the CPU has the feature.
-            unsafe { Self($intrinsic(self.0 $(, $other.0)?), self.1) }
-        }
-    )*};
-}
 
 /// Defines the comparisons of [`F64x4`].
 macro_rules! compare4 {
@@ -85,38 +74,17 @@ impl<T: ProvesAvx2> Mask for Mask4<T> {
     }
 }
 
-impl<T: ProvesAvx2> Doubles for F64x4<T> {
-    type Token = T;
-    type Mask = Mask4<T>;
-    const LANES: usize = 4;
+lanes!(
+    F64x4<T>, T, f64, 4, [<T: ProvesAvx2>], _mm256_set1_pd, _mm256_loadu_pd, _mm256_storeu_pd, _mm256_add_pd,
+    _mm256_sub_pd, _mm256_mul_pd, _mm256_div_pd, _mm256_sqrt_pd
+);
 
-    #[inline(always)]
-    fn splat(token: T, x: f64) -> Self {
-        // SAFETY: both tokens of this module prove AVX2.
-        unsafe { Self(_mm256_set1_pd(x), token) }
-    }
+impl<T: ProvesAvx2> Doubles for F64x4<T> {
+    type Mask = Mask4<T>;
+
     #[inline(always)]
     fn token(self) -> T {
         self.1
-    }
-    #[inline(always)]
-    fn load(token: T, from: &[f64]) -> Self {
-        let from: &[f64; 4] = from.first_chunk().expect("four lanes to load");
-        // SAFETY: both tokens prove AVX2; the four numbers are readable; unaligned is allowed.
-        unsafe { Self(_mm256_loadu_pd(from.as_ptr()), token) }
-    }
-    #[inline(always)]
-    fn store(self, to: &mut [f64]) {
-        let to: &mut [f64; 4] = to.first_chunk_mut().expect("four lanes to store");
-        // SAFETY: AVX2 by the token; the four numbers are writable; unaligned is allowed.
-        unsafe { _mm256_storeu_pd(to.as_mut_ptr(), self.0) }
-    }
-    lanewise! {
-        add(other) = _mm256_add_pd;
-        sub(other) = _mm256_sub_pd;
-        mul(other) = _mm256_mul_pd;
-        div(other) = _mm256_div_pd;
-        sqrt() = _mm256_sqrt_pd;
     }
     #[inline(always)]
     fn copysign(self, sign: Self) -> Self {
@@ -183,38 +151,28 @@ impl Mask for Mask8 {
     }
 }
 
-impl Doubles for F64x8 {
-    type Token = Avx512;
-    type Mask = Mask8;
-    const LANES: usize = 8;
+lanes!(
+    F64x8,
+    Avx512,
+    f64,
+    8,
+    [],
+    _mm512_set1_pd,
+    _mm512_loadu_pd,
+    _mm512_storeu_pd,
+    _mm512_add_pd,
+    _mm512_sub_pd,
+    _mm512_mul_pd,
+    _mm512_div_pd,
+    _mm512_sqrt_pd
+);
 
-    #[inline(always)]
-    fn splat(token: Avx512, x: f64) -> Self {
-        // SAFETY: the token proves AVX-512F.
-        unsafe { Self(_mm512_set1_pd(x), token) }
-    }
+impl Doubles for F64x8 {
+    type Mask = Mask8;
+
     #[inline(always)]
     fn token(self) -> Avx512 {
         self.1
-    }
-    #[inline(always)]
-    fn load(token: Avx512, from: &[f64]) -> Self {
-        let from: &[f64; 8] = from.first_chunk().expect("eight lanes to load");
-        // SAFETY: the token proves AVX-512F; the eight numbers are readable; unaligned is allowed.
-        unsafe { Self(_mm512_loadu_pd(from.as_ptr()), token) }
-    }
-    #[inline(always)]
-    fn store(self, to: &mut [f64]) {
-        let to: &mut [f64; 8] = to.first_chunk_mut().expect("eight lanes to store");
-        // SAFETY: AVX-512F by the token; the eight numbers are writable; unaligned is allowed.
-        unsafe { _mm512_storeu_pd(to.as_mut_ptr(), self.0) }
-    }
-    lanewise! {
-        add(other) = _mm512_add_pd;
-        sub(other) = _mm512_sub_pd;
-        mul(other) = _mm512_mul_pd;
-        div(other) = _mm512_div_pd;
-        sqrt() = _mm512_sqrt_pd;
     }
     #[inline(always)]
     fn copysign(self, sign: Self) -> Self {
