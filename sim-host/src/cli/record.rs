@@ -27,10 +27,10 @@ pub(super) struct Args {
     /// leaves out all that is for viewers.
     #[arg(long, value_name = "HZ", default_value_t = DISPLAY_RATE_HZ)]
     display_rate: u32,
-    /// Ticks per second, of a controller that does not tell [default: 1000].
+    /// Ticks per second, of a controller without a status [default: 1000].
     #[arg(long, value_name = "HZ")]
     rate: Option<u32>,
-    /// Gravity, of a controller that does not tell, m/s2 [default: 9.81].
+    /// Gravity, of a controller without a status, m/s2 [default: 9.81].
     #[arg(long, value_name = "M_S2", allow_negative_numbers = true)]
     gravity: Option<f64>,
 }
@@ -61,7 +61,7 @@ pub(super) fn main(args: &Args) -> anyhow::Result<ExitCode> {
         observed.missed,
         observed.ending
     ))?;
-    if !observed.is_told {
+    if !observed.has_status {
         stderr::print_line(format_args!(
             "sim-host: note: the controller has no status, so rate ({} Hz, --rate) and gravity \
              ({} m/s2, --gravity) are assumed, and its policy is not in the recording: `sim-host \

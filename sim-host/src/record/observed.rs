@@ -202,7 +202,7 @@ mod tests {
         for topic in ["/sample", "/command", "/tf", "/scene", "/points/leg", "/points/ground"] {
             assert!(drawn.contains(&topic), "{drawn:?}");
         }
-        // One picture for each twentieth of a second, also if its first tick was missed.
+        // One picture for each 20 ms, also if its first tick was missed.
         live.tick(&tick(19, &Command::default(), place));
         assert_eq!(taken(&mut live), ["/sample", "/command"]);
         live.tick(&tick(21, &Command::default(), place));

@@ -82,8 +82,8 @@ pub struct Observation {
     /// Ticks that it lacks: the samples did not reach the observer, or in real time the leg did
     /// not send them.
     pub missed: u64,
-    /// Whether the controller has told its configuration, law and policy.
-    pub is_told: bool,
+    /// Whether the controller has a status, which has its configuration, law and policy.
+    pub has_status: bool,
     /// What ended the run.
     pub ending: String,
 }
@@ -144,11 +144,11 @@ struct Begun {
     /// Before the recorder, since its drop polls a last time.
     changes: Option<ChangePoller>,
     recorder: Recorder,
-    is_told: bool,
+    has_status: bool,
 }
 
 impl Begun {
-    /// Begins the recording of the run `run_id`, with what the controller tells.
+    /// Begins the recording of the run `run_id`, with what the status of the controller says.
     fn new(options: &ObserveOptions, run_id: u32) -> Result<Self, ObserveError> {
         let ObserveOptions { domain, file, display_rate_hz, assumed } = options;
         let status = process_status(domain).ok();
@@ -161,13 +161,13 @@ impl Begun {
         let record = RecordOptions { on_full: OnFull::Wait, display_rate_hz: *display_rate_hz };
         let (recorder, tap) = Recorder::begin(file, &run.config(now_unix_ns())?, record)?;
         let Some(status) = status else {
-            return Ok(Self { tap, changes: None, recorder, is_told: false });
+            return Ok(Self { tap, changes: None, recorder, has_status: false });
         };
         if let (Some(estimator), Some(limit_ns)) = (status.estimator, status.stale_limit_ns) {
             recorder.sink().law(config::of_law(estimator, limit_ns, false));
         }
         let changes = Some(ChangePoller::begin(domain, run_id, recorder.sink()));
-        Ok(Self { tap, changes, recorder, is_told: true })
+        Ok(Self { tap, changes, recorder, has_status: true })
     }
 }
 
@@ -283,11 +283,11 @@ impl Run {
 
     /// Completes the file; `None` if there is none.
     fn finish(self, ending: &str) -> Result<Option<Observation>, ObserveError> {
-        let Some(Begun { changes, recorder, is_told, .. }) = self.begun else { return Ok(None) };
+        let Some(Begun { changes, recorder, has_status, .. }) = self.begun else { return Ok(None) };
         drop(changes);
         let end = config::of_observed_end(ending, self.ticks, self.missed);
         let missed = self.missed + recorder.finish(end)?.dropped;
-        Ok(Some(Observation { ticks: self.ticks, missed, is_told, ending: ending.to_owned() }))
+        Ok(Some(Observation { ticks: self.ticks, missed, has_status, ending: ending.to_owned() }))
     }
 }
 

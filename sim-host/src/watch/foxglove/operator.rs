@@ -14,6 +14,7 @@ use foxglove::websocket::{
     ParameterValue, ServerListener, SetParametersResponder,
 };
 use leg_host::{Role, json_socket};
+use leg_process::rounded;
 
 use crate::operate::{LegRequest, LegStatus};
 use crate::watch::scene::Scene;
@@ -27,6 +28,8 @@ const RESET_SET_POINT: &str = "reset_set_point";
 /// Ends the run.
 const END_RUN: &str = "end_run";
 
+/// Digits after the point of a set-point, so that one of 0.3 in f32 is shown as 0.3.
+const DIGITS: usize = 6;
 /// Longest wait for an answer of the leg.
 const TIMEOUT: Duration = Duration::from_millis(500);
 /// The JSON schema of an object without fields.
@@ -42,7 +45,7 @@ pub(super) struct Values {
 impl Values {
     pub(super) fn of(scene: &Scene) -> Self {
         let ordered_m_s = scene.leg.as_ref().and_then(|leg| leg.ordered_m_s);
-        let sent_m_s = scene.sample.map(|sample| in_micrometres(sample.set_point_m_s));
+        let sent_m_s = scene.sample.map(|sample| rounded(sample.set_point_m_s.into(), DIGITS));
         Self {
             set_point_m_s: ordered_m_s.or(sent_m_s),
             is_paused: scene.leg.as_ref().map(|leg| leg.is_paused),
@@ -68,11 +71,6 @@ impl Values {
         });
         set_point.into_iter().chain(paused).collect()
     }
-}
-
-/// Returns the number that an f32 stands for.
-fn in_micrometres(value: f32) -> f64 {
-    (1e6 * f64::from(value)).round() / 1e6
 }
 
 /// Requests of a viewer, and who waits for the result.
