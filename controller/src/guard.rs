@@ -114,6 +114,16 @@ impl Limits {
         if is_good { Ok(InRange(measurement, Channels::ALL)) } else { Err(reason(measurement)) }
     }
 
+    /// Returns whether an estimate of horizontal velocity, height and vertical velocity, m/s and
+    /// m, could be that of a leg: one beyond the speeds and heights of measurements has diverged.
+    #[inline]
+    pub(crate) fn could_be(&self, [vx_m_s, y_m, vy_m_s]: [f32; 3]) -> bool {
+        // A NaN is not within.
+        vx_m_s.abs() <= self.max_speed_m_s
+            && vy_m_s.abs() <= self.max_speed_m_s
+            && y_m.abs() <= self.height_m[1]
+    }
+
     /// Checks the readings of a measurement one by one, for an estimator that does without
     /// those that are not usable. A height may then be as far below the ground as it may be
     /// above it: noise is not to be cut off on one side.
@@ -337,7 +347,8 @@ pub struct Counts {
     pub safe_entered: u32,
     /// Measurements of which only a part of the readings was used.
     pub used_in_part: u32,
-    /// Times that the estimate was lost: too uncertain, or in contradiction to the readings.
+    /// Times that the estimate was lost: too uncertain, beyond the limits of measurements, or in
+    /// contradiction to the readings.
     pub estimates_lost: u32,
     /// Ticks whose set-point was refused; they count as used all the same.
     pub set_points_refused: u32,

@@ -103,7 +103,9 @@ impl Controller<'_> {
         let (m, usable) = (measurement.measurement(), measurement.usable());
         let estimator = &mut tracked.estimator;
         let had_begun = estimator.has_begun();
-        let Some(events) = estimator.update(&measurement, &self.gait) else {
+        let limits = self.config.limits();
+        let update = estimator.update(&measurement, &self.gait);
+        let Some(events) = update.filter(|events| limits.could_be(events.motion)) else {
             if had_begun {
                 self.guard.count_lost_estimate();
                 self.forget();

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::estimator::{SensorNoise, StateNoise};
+use crate::guard::Limits;
 use crate::measurement::{LegPosture, SpecificImpulse};
 
 fn config() -> Config {
@@ -249,6 +250,30 @@ fn sensed(tick: u64, has_encoders: bool) -> Measurement {
         },
         ..m
     }
+}
+
+#[test]
+fn an_estimate_beyond_the_limits_of_measurements_has_diverged_and_is_lost() {
+    let config = Config::at_rate(1_000).unwrap();
+    let config = config.with_estimation(Estimation::Inertial(SensorNoise::default())).unwrap();
+    let policy = Policy::parse(crate::policy::SHIPPED).unwrap();
+    let lost = |limits: Limits| {
+        let config = config.with_limits(limits).unwrap();
+        let mut controller = Controller::new(policy.clone(), config);
+        for tick in 0..6 * HOP_TICKS {
+            let lost = controller.counts().estimates_lost;
+            let output = controller.step(Some(&sensed(tick, true)), 0.5);
+            if controller.counts().estimates_lost > lost {
+                assert_eq!((output.command, output.status), (LegCommand::SAFE, Status::Safe));
+            }
+        }
+        controller.counts().estimates_lost
+    };
+    let usual = *config.limits();
+    assert_eq!(lost(usual), 0);
+    // The leg lands at some 4 m/s, and rises to some 2 m.
+    assert!(lost(Limits { max_speed_m_s: 3.0, ..usual }) > 0);
+    assert!(lost(Limits { height_m: [0.0, 1.2], ..usual }) > 0);
 }
 
 #[test]
